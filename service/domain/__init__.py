@@ -1,0 +1,1 @@
+"""Rules of the product: standard library and numpy alone; no input or output, no clock."""

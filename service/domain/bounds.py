@@ -1,0 +1,15 @@
+"""Limits on what is read from outside."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class Bounds:
+    """Hold the most that a reader takes of an untrusted file."""
+
+    max_pixels: int = 200_000_000
+    max_points: int = 50_000_000
+    max_walls: int = 200_000
+    max_map_points: int = 50_000_000

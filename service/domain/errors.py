@@ -1,0 +1,339 @@
+"""The refusals of the product: one tree, one leaf a fact.
+
+DomainError
+├── Denied        who asks is unknown, or may not do this
+├── NotFound      the thing named does not exist, or not for this caller
+├── Conflict      right in itself, but not in the present state
+├── Rejected      the input is wrong, and will be wrong the next time too
+├── Unfulfilled   the work was done and its result is not good enough; never answers a request
+└── Unavailable   not now; the same call may succeed later
+
+A leaf's docstring is its public page, its class name in kebab-case its slug, and `title` its fixed
+title. Which HTTP status a class has is decided in `service.api.problems` alone.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any, ClassVar
+
+
+class DomainError(Exception):
+    """Return a refusal that a caller can act on.
+
+    Parameters
+    ----------
+    detail : str
+        What was found and what to do, as a sentence for the person who asked.
+    **members : object
+        Machine-readable facts (JSON values), shown beside the sentence.
+    """
+
+    title: ClassVar[str] = "The request was refused"
+
+    def __init__(self, detail: str, **members: Any) -> None:
+        super().__init__(detail)
+        self.detail = detail
+        self.members = members
+
+    @classmethod
+    def slug(cls) -> str:
+        """Return the stable name of this refusal, as it stands in the problem's ``type``."""
+        return re.sub(r"(?<!^)(?=[A-Z])", "-", cls.__name__).lower()
+
+    def problem(self) -> dict[str, Any]:
+        """Return the refusal as the members of an RFC 9457 document, without type URL and status.
+
+        The ``slug`` stands in for the type: the edge that knows the public address completes it.
+        """
+        return {"slug": self.slug(), "title": self.title, "detail": self.detail, **self.members}
+
+
+class Denied(DomainError):
+    """Who asks is unknown, or may not do this."""
+
+
+class NotFound(DomainError):
+    """The thing named does not exist, or not for this caller."""
+
+
+class Conflict(DomainError):
+    """The request is right in itself, but not in the present state."""
+
+
+class Rejected(DomainError):
+    """The input is wrong, and will be wrong the next time too."""
+
+
+class Unfulfilled(DomainError):
+    """The work was done and its result is not good enough."""
+
+
+class Unavailable(DomainError):
+    """Not now; the same call may succeed later."""
+
+
+class Unauthenticated(Denied):
+    """No key, or a key that is unknown, revoked or expired.
+
+    Send `Authorization: Bearer gp_...` with a key that an admin made by `POST /v1/keys` or
+    `groundplan key create`.
+    """
+
+    title = "A valid API key is needed"
+
+
+class Forbidden(Denied):
+    """The key is valid, but its role or its maps do not allow this.
+
+    Ask an admin for a key of the role that `required_roles` names, or for one that covers the map.
+    """
+
+    title = "The key does not allow this"
+
+
+class MapNotFound(NotFound):
+    """No map with this id exists, or the key does not cover it."""
+
+    title = "No such map"
+
+
+class DrawingNotFound(NotFound):
+    """No drawing with this id exists, or the key does not cover its map."""
+
+    title = "No such drawing"
+
+
+class ScanNotFound(NotFound):
+    """No scan with this id exists, or the key does not cover its map."""
+
+    title = "No such scan"
+
+
+class PlacementNotFound(NotFound):
+    """No placement with this id exists, or the key does not cover its map."""
+
+    title = "No such placement"
+
+
+class RevisionNotFound(NotFound):
+    """The map has no revision of this number."""
+
+    title = "No such revision"
+
+
+class ArtifactNotFound(NotFound):
+    """The revision, drawing or scan has no file of this name."""
+
+    title = "No such file"
+
+
+class JobNotFound(NotFound):
+    """No job with this id exists, or the key does not cover its map."""
+
+    title = "No such job"
+
+
+class KeyNotFound(NotFound):
+    """No API key with this id exists."""
+
+    title = "No such key"
+
+
+class NothingPublished(NotFound):
+    """The map has no revision published on this channel yet."""
+
+    title = "Nothing is published on this channel"
+
+
+class RevisionNotReady(Conflict):
+    """The revision is still building, or its build failed: it cannot be downloaded, published or built on.
+
+    `status` tells which. Wait for its job, or look at the job's problem.
+    """
+
+    title = "The revision is not ready"
+
+
+class DrawingNotRead(Conflict):
+    """The drawing has no finished reading: its job still runs, or it failed.
+
+    Wait for the job that `job_id` names, or look at its problem.
+    """
+
+    title = "The drawing has not been read"
+
+
+class StaleBase(Conflict):
+    """The map has a newer revision than the one that the request builds on.
+
+    `latest` names it: look at what changed, then ask again with that base.
+    """
+
+    title = "The base revision is no longer the latest"
+
+
+class PlacementNotAcceptable(Conflict):
+    """The placement is not finished, was rejected, or needs a review that the request does not confirm.
+
+    A placement with the verdict `needs-review` is accepted only with `"reviewed": true` in the body,
+    by a person who has looked at it.
+    """
+
+    title = "The placement cannot be accepted"
+
+
+class PointerMoved(Conflict):
+    """The published revision has changed since the caller looked (`If-Match` does not hold).
+
+    Read `GET /v1/maps/{map_id}/published` again and decide anew.
+    """
+
+    title = "The published revision has changed"
+
+
+class JobNotCancellable(Conflict):
+    """The job has already ended."""
+
+    title = "The job has already ended"
+
+
+class JobNotRetryable(Conflict):
+    """Only a job that failed or was cancelled can be tried again."""
+
+    title = "The job cannot be tried again"
+
+
+class InvalidRequest(Rejected):
+    """The body, a field, a header or a query parameter is not what the API asks for.
+
+    `errors` lists each place as a JSON pointer with a sentence.
+    """
+
+    title = "The request is not valid"
+
+
+class UnsupportedMedia(Rejected):
+    """The file's own bytes are of no kind that is read here, whatever its name says."""
+
+    title = "This kind of file is not read"
+
+
+class UploadTooLarge(Rejected):
+    """The upload is larger than this server takes; `max_upload_bytes` tells how much it takes."""
+
+    title = "The upload is too large"
+
+
+class FileEmpty(Rejected):
+    """The file has no bytes, or holds no point or pixel."""
+
+    title = "The file is empty"
+
+
+class FileTruncated(Rejected):
+    """The file ends before its own header says it should: the copy or the upload was cut short."""
+
+    title = "The file is cut short"
+
+
+class FileMalformed(Rejected):
+    """The file breaks the rules of its own format; `detail` tells where."""
+
+    title = "The file cannot be read"
+
+
+class HeaderMismatch(Rejected):
+    """The file's header promises something else than its bytes hold."""
+
+    title = "The file's header contradicts its bytes"
+
+
+class NotFinite(Rejected):
+    """The file holds coordinates that are not finite numbers (NaN or infinity)."""
+
+    title = "The file holds values that are not numbers"
+
+
+class ImageTooLarge(Rejected):
+    """The image has more pixels than are read; `max_pixels` tells how many are."""
+
+    title = "The image is too large"
+
+
+class TooManyPoints(Rejected):
+    """The point cloud has more points than are read; `max_points` tells how many are."""
+
+    title = "The point cloud is too large"
+
+
+class ScaleUnknown(Rejected):
+    """The drawing's scale is not known, so no map in metres can be made from it.
+
+    Give metres per pixel, a ratio with its dpi, or a known length.
+    """
+
+    title = "The scale of the drawing is unknown"
+
+
+class PageNotFound(Rejected):
+    """The document has no page of this number, or has several and none was named."""
+
+    title = "No such page"
+
+
+class NoWallsFound(Unfulfilled):
+    """Nothing on the drawing was recognised as a wall."""
+
+    title = "No walls were found"
+
+
+class PlacementNotComputed(Unfulfilled):
+    """No placement could be computed: the scan and the map share too little to compare."""
+
+    title = "No placement could be computed"
+
+
+class JobCrashed(Unfulfilled):
+    """The process that worked on the job died, three times; nothing was changed.
+
+    The file that the job works on is kept. `attempts` counts the tries, `last` tells how the last ended.
+    """
+
+    title = "The job crashed"
+
+
+class JobTimedOut(Unfulfilled):
+    """The job took longer than its limit and was stopped."""
+
+    title = "The job took too long"
+
+
+class JobOutOfMemory(Unfulfilled):
+    """The job needed more memory than its limit and was stopped."""
+
+    title = "The job needed too much memory"
+
+
+class IdempotencyKeyReused(Rejected):
+    """The `Idempotency-Key` was used before with another request; take a new key for a new request."""
+
+    title = "The idempotency key belongs to another request"
+
+
+class IdempotencyKeyBusy(Conflict):
+    """A request with the same `Idempotency-Key` is being worked on; ask again in a moment."""
+
+    title = "The same request is being worked on"
+
+
+class DatabaseBusy(Unavailable):
+    """The database did not answer in time; ask again after the `Retry-After` seconds."""
+
+    title = "The database is busy"
+
+
+class StorageFull(Unavailable):
+    """The server's disk is full; an admin has to make room. Nothing of the upload was kept."""
+
+    title = "The storage is full"

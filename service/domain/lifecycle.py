@@ -1,0 +1,50 @@
+"""States of jobs and revisions, the kinds of job, and the steps that are allowed between states."""
+
+from __future__ import annotations
+
+from enum import StrEnum
+
+
+class JobKind(StrEnum):
+    """What a job does; `worker.registry` has one handler for each."""
+
+    READ_DRAWING = "read-drawing"
+    READ_SCAN = "read-scan"
+    PLACE_SCAN = "place-scan"
+    BUILD_REVISION = "build-revision"
+
+
+class JobState(StrEnum):
+    """Where a job stands. ``failed``, ``succeeded`` and ``cancelled`` are final."""
+
+    QUEUED = "queued"
+    RUNNING = "running"
+    SUCCEEDED = "succeeded"
+    FAILED = "failed"
+    CANCELLED = "cancelled"
+
+    @property
+    def is_final(self) -> bool:
+        """Return whether no worker will touch the job again."""
+        return self in {JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELLED}
+
+
+class RevisionStatus(StrEnum):
+    """Whether a revision can be used; ``ready`` and ``failed`` are final."""
+
+    BUILDING = "building"
+    READY = "ready"
+    FAILED = "failed"
+
+
+class Role(StrEnum):
+    """What a key may do: a tablet uploads and places, a robot downloads, an admin does everything."""
+
+    TABLET = "tablet"
+    ROBOT = "robot"
+    ADMIN = "admin"
+
+
+MAX_ATTEMPTS = 3
+BACK_OFF_S = (1.0, 5.0)
+"""Seconds until the second and the third attempt of a job whose worker or child died."""

@@ -1,0 +1,1 @@
+"""The background process of Groundplan, its geometry, and the `groundplan` command."""

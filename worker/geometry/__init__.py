@@ -1,0 +1,1 @@
+"""Arrays in, arrays out: pure functions and small frozen values; no database, no network."""

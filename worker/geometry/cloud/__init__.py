@@ -1,0 +1,1 @@
+"""Walls and scans to a point cloud (paper, section 2.2)."""

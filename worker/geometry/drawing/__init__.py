@@ -1,0 +1,1 @@
+"""Drawing to walls (paper, section 2.2)."""

@@ -1,0 +1,1 @@
+"""Simulated LiDAR (paper, sections 3 and 5)."""

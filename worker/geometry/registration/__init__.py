@@ -1,0 +1,1 @@
+"""Placing a scan on a map (paper, section 2.3)."""
