@@ -1,1 +1,1 @@
-"""Simulated LiDAR (paper, sections 3 and 5)."""
+"""Simulated LiDAR: triangle scenes, ray casting, and sensors that look at them (paper, sections 2.3, 3)."""
