@@ -79,8 +79,8 @@ class Recipe:
         """
         unknown = set(value) - set(cls.__dataclass_fields__)
         if unknown:
-            detail = f"A recipe has no field {sorted(unknown)[0]!r}."
-            raise InvalidRequest(detail, errors=[{"pointer": f"#/{sorted(unknown)[0]}", "detail": detail}])
+            detail = f"A recipe has no field {min(unknown)!r}."
+            raise InvalidRequest(detail, errors=[{"pointer": f"#/{min(unknown)}", "detail": detail}])
         fields = dict(value)
         if isinstance(fields.get("map_from_drawing"), dict):
             fields["map_from_drawing"] = MapFromDrawing(**fields["map_from_drawing"])

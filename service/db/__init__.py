@@ -1,0 +1,1 @@
+"""The database: models, sessions, and the only SQL of the product."""

@@ -1,0 +1,61 @@
+"""The process's settings, from the environment: read by the composition roots alone."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+from pydantic import Field, SecretStr
+from pydantic_settings import BaseSettings, SettingsConfigDict
+
+MIB = 1024 * 1024
+
+
+class Settings(BaseSettings):
+    """Hold what an operator can set; each name is an environment variable with the prefix GROUNDPLAN_."""
+
+    model_config = SettingsConfigDict(env_prefix="GROUNDPLAN_", extra="ignore")
+
+    data_dir: Path = Field(
+        Path("groundplan-data"), description="Folder of uploads, artifacts and (by default) the database."
+    )
+    database_url: SecretStr | None = Field(
+        None,
+        description="SQLAlchemy URL (`postgresql+psycopg://...`); by default SQLite in the data folder.",
+    )
+    host: str = Field("127.0.0.1", description="Address on which the service listens.")
+    port: int = Field(
+        8000, ge=0, le=65535, description="Port on which the service listens; 0 takes a free one."
+    )
+    public_url: str | None = Field(
+        None, description="Address under which clients reach the service, for links in answers."
+    )
+
+    max_upload_bytes: int = Field(2048 * MIB, gt=0, description="Largest file that is taken.")
+    max_pixels: int = Field(200_000_000, gt=0, description="Largest image that is read.")
+    max_points: int = Field(50_000_000, gt=0, description="Largest point cloud that is read.")
+    upload_expiry_s: float = Field(
+        24 * 3600.0, gt=0, description="Seconds until an unfinished upload in pieces is dropped."
+    )
+    idempotency_expiry_s: float = Field(
+        24 * 3600.0, gt=0, description="Seconds for which an Idempotency-Key is remembered."
+    )
+
+    lease_s: float = Field(
+        8.0, gt=0, description="Seconds after its last beat until a worker counts as lost."
+    )
+    beat_s: float = Field(2.0, gt=0, description="Seconds between two beats of a worker.")
+    poll_s: float = Field(0.05, gt=0, description="Seconds between two looks at the queue (SQLite).")
+    job_memory_bytes: int = Field(6144 * MIB, gt=0, description="Memory that one job may take.")
+    job_cpu_s: float = Field(1800.0, gt=0, description="CPU seconds that one job may take.")
+    job_wall_s: float = Field(1800.0, gt=0, description="Seconds that one job may take.")
+
+    log_level: str = Field("info", description="debug, info, warning or error.")
+    crash_at: str | None = Field(
+        None, description="For tests: the crash point at which this process kills itself, `name` or `name:n`."
+    )
+
+    def url(self) -> str:
+        """Return the database's SQLAlchemy URL."""
+        if self.database_url is not None:
+            return self.database_url.get_secret_value()
+        return f"sqlite:///{(self.data_dir / 'groundplan.sqlite3').absolute()}"

@@ -1,0 +1,1 @@
+"""Where bytes lie, named by their SHA-256."""

@@ -1,0 +1,58 @@
+"""The protocol of a blob store: bytes named by their SHA-256, whole or not there at all."""
+
+from __future__ import annotations
+
+from contextlib import AbstractContextManager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Protocol
+
+
+@dataclass(frozen=True)
+class Stored:
+    """Hold the name and the size of bytes that are safely on disk."""
+
+    sha256: str
+    size_bytes: int
+
+
+class StagedFile(Protocol):
+    """A file being written; it becomes a blob by `keep`, or vanishes when its block ends."""
+
+    path: Path
+
+    def write(self, chunk: bytes) -> None:
+        """Append a chunk; its SHA-256 and size are taken on the way.
+
+        Raises
+        ------
+        UploadTooLarge
+            If the file would grow past its limit.
+        StorageFull
+            If the disk has no room.
+        """
+
+    def keep(self) -> Stored:
+        """Make what was written a blob: fsync, rename, fsync the folder. The same bytes twice are one blob."""
+
+
+class BlobStore(Protocol):
+    """Keep blobs; a blob that exists never changes."""
+
+    def stage(self, *, max_bytes: int) -> AbstractContextManager[StagedFile]:
+        """Give a new staged file that takes at most `max_bytes`."""
+
+    def adopt(self, path: Path) -> Stored:
+        """Make an existing finished file a blob (moved where possible, else copied)."""
+
+    def path(self, sha256: str) -> Path:
+        """Return the local path of a blob, for streaming and for readers that need a file.
+
+        Raises
+        ------
+        ArtifactNotFound
+            If there is no such blob.
+        """
+
+    def exists(self, sha256: str) -> bool:
+        """Return whether the blob is there."""
