@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from contextlib import AbstractContextManager
 from dataclasses import dataclass
 from pathlib import Path
@@ -21,6 +22,10 @@ class StagedFile(Protocol):
 
     path: Path
 
+    @property
+    def size_bytes(self) -> int:
+        """Return how many bytes were written so far."""
+
     def write(self, chunk: bytes) -> None:
         """Append a chunk; its SHA-256 and size are taken on the way.
 
@@ -33,7 +38,7 @@ class StagedFile(Protocol):
         """
 
     def keep(self) -> Stored:
-        """Make what was written a blob: fsync, rename, fsync the folder. The same bytes twice are one blob."""
+        """Make what was written a blob: fsync, rename, fsync the folder; the same bytes twice are one."""
 
 
 class BlobStore(Protocol):
@@ -42,8 +47,8 @@ class BlobStore(Protocol):
     def stage(self, *, max_bytes: int) -> AbstractContextManager[StagedFile]:
         """Give a new staged file that takes at most `max_bytes`."""
 
-    def adopt(self, path: Path) -> Stored:
-        """Make an existing finished file a blob (moved where possible, else copied)."""
+    def adopt(self, path: Path, *, keep_source: bool = False) -> Stored:
+        """Make an existing finished file a blob, and leave it in place if `keep_source`."""
 
     def path(self, sha256: str) -> Path:
         """Return the local path of a blob, for streaming and for readers that need a file.
@@ -56,3 +61,11 @@ class BlobStore(Protocol):
 
     def exists(self, sha256: str) -> bool:
         """Return whether the blob is there."""
+
+    def sweep_staged(self, *, now_s: float, older_than_s: float = 60.0) -> list[Path]:
+        """Remove the staged files of dead processes, and return them."""
+
+    def sweep_orphans(
+        self, is_known: Callable[[str], bool], *, now_s: float, older_than_s: float = 3600.0
+    ) -> list[str]:
+        """Remove old blobs that no row names, and return their SHA-256s."""
