@@ -10,7 +10,27 @@ import os
 import signal
 from dataclasses import dataclass
 
-CRASH_POINTS: frozenset[str] = frozenset()
+CRASH_POINTS: frozenset[str] = frozenset(
+    {
+        "blob.before-fsync",
+        "blob.before-rename",
+        "blob.after-rename",
+        "receive-drawing.before-commit",
+        "receive-drawing.after-commit",
+        "receive-scan.before-commit",
+        "receive-scan.after-commit",
+        "reread-drawing.before-commit",
+        "reread-drawing.after-commit",
+        "create-upload.before-commit",
+        "create-upload.after-commit",
+        "finish-upload.before-commit",
+        "finish-upload.after-commit",
+        "terminate-upload.before-commit",
+        "terminate-upload.after-commit",
+        "upload.before-fsync",
+        "upload.after-fsync",
+    }
+)
 """Every name that `reach` is called with; a test compares it with the sources."""
 
 
