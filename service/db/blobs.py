@@ -1,0 +1,27 @@
+"""Rows of stored bytes."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy.dialects import postgresql, sqlite
+from sqlalchemy.orm import Session
+
+from service.db.models import Blob
+
+
+def record_blob(session: Session, sha256: str, *, size_bytes: int, media_type: str, now: datetime) -> None:
+    """Make sure that the blob has its row, so that other rows may name it and no sweep takes it.
+
+    The bytes have to be in the store before. A row that is there already stays as it is.
+    """
+    values = {"sha256": sha256, "size_bytes": size_bytes, "media_type": media_type, "created_at": now}
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(postgresql.insert(Blob).values(values).on_conflict_do_nothing())
+    else:
+        session.execute(sqlite.insert(Blob).values(values).on_conflict_do_nothing())
+
+
+def is_recorded(session: Session, sha256: str) -> bool:
+    """Return whether the blob has a row."""
+    return session.get(Blob, sha256) is not None

@@ -1,0 +1,172 @@
+"""What an uploaded file is, told by its own first bytes and never by its name."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from enum import StrEnum
+
+from service.domain.errors import FileEmpty, UnsupportedMedia
+
+HEAD_BYTES = 1 << 16
+"""How much of a file is looked at here; what a reader needs beyond that, its job finds."""
+
+_WHITE = b" \t\r\n\xef\xbb\xbf"
+_OBJ = re.compile(rb"(?:\s*(?:#[^\n]*)?\n)*\s*(?:mtllib|usemtl|o|g|v|vn|vt)[ \t]")
+_NUMBERS = re.compile(rb"\s*-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?:[ \t,;]+-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?){2,}")
+_PCD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:VERSION|FIELDS|COLUMNS)[ \t]", re.IGNORECASE)
+_DXF = re.compile(rb"\s*(?:999\r?\n[^\n]*\n\s*)*0\r?\n\s*SECTION\s")
+
+
+class Purpose(StrEnum):
+    """What a file is uploaded as."""
+
+    DRAWING = "drawing"
+    SCAN = "scan"
+
+
+@dataclass(frozen=True)
+class Media:
+    """Hold what a file is.
+
+    Parameters
+    ----------
+    name : str
+        For people, with its article: "a PNG image".
+    media_type : str
+        Its registered (or usual) media type.
+    fits : Purpose, optional
+        What it can be uploaded as; None for a kind that is not read.
+    advice : str
+        What to do with a kind that is not read.
+    """
+
+    name: str
+    media_type: str
+    fits: Purpose | None = None
+    advice: str = ""
+
+
+_EXPORT_DRAWING = "Drawings of this kind are not read yet: export the sheet as a PNG image."
+_EXPORT_SCAN = "Scans of this kind are not read yet: export the point cloud as PLY or PCD."
+_UNPACK = "Archives are not read: unpack it and upload the drawing or the scan alone."
+_EXPORT_IMAGE = "Images of this kind are not read: save it as PNG."
+
+PNG = Media("a PNG image", "image/png", Purpose.DRAWING)
+JPEG = Media("a JPEG image", "image/jpeg", Purpose.DRAWING)
+TIFF = Media("a TIFF image", "image/tiff", Purpose.DRAWING)
+BMP = Media("a BMP image", "image/bmp", Purpose.DRAWING)
+PLY = Media("a PLY point cloud", "application/vnd.groundplan.ply", Purpose.SCAN)
+PCD = Media("a PCD point cloud", "application/vnd.groundplan.pcd", Purpose.SCAN)
+_DXF_MEDIA = Media("a DXF drawing", "image/vnd.dxf", advice=_EXPORT_DRAWING)
+_ZIP = Media("a ZIP archive (or a USDZ, DOCX, XLSX or 3MF file)", "application/zip", advice=_UNPACK)
+_TEXT = Media("a text file", "text/plain", advice="It is neither a drawing nor a scan.")
+_UNKNOWN = Media("of no kind that is known here", "application/octet-stream", advice="")
+
+_MAGIC: tuple[tuple[bytes, Media], ...] = (
+    (b"\x89PNG\r\n\x1a\n", PNG),
+    (b"\xff\xd8\xff", JPEG),
+    (b"II*\x00", TIFF),
+    (b"MM\x00*", TIFF),
+    (b"II+\x00", TIFF),
+    (b"MM\x00+", TIFF),
+    (b"ply\n", PLY),
+    (b"ply\r", PLY),
+    (b"# .PCD", PCD),
+    (b"%PDF-", Media("a PDF document", "application/pdf", advice=_EXPORT_DRAWING)),
+    (b"AC10", Media("a DWG drawing", "image/vnd.dwg", advice=_EXPORT_DRAWING)),
+    (b"AutoCAD Binary DXF", _DXF_MEDIA),
+    (b"ISO-10303-21;", Media("an IFC or STEP model", "application/x-step", advice=_EXPORT_DRAWING)),
+    (b"glTF", Media("a GLB model", "model/gltf-binary", advice=_EXPORT_SCAN)),
+    (b"LASF", Media("a LAS or LAZ point cloud", "application/vnd.las", advice=_EXPORT_SCAN)),
+    (b"ASTM-E57", Media("an E57 point cloud", "model/e57", advice=_EXPORT_SCAN)),
+    (b"PXR-USDC", Media("a USD model", "model/vnd.usd", advice=_EXPORT_SCAN)),
+    (b"PK\x03\x04", _ZIP),
+    (b"PK\x05\x06", _ZIP),
+    (b"7z\xbc\xaf\x27\x1c", Media("a 7z archive", "application/x-7z-compressed", advice=_UNPACK)),
+    (b"Rar!\x1a\x07", Media("a RAR archive", "application/vnd.rar", advice=_UNPACK)),
+    (b"\x1f\x8b", Media("a gzip archive", "application/gzip", advice=_UNPACK)),
+    (b"GIF8", Media("a GIF image", "image/gif", advice=_EXPORT_IMAGE)),
+    (b"8BPS", Media("a Photoshop image", "image/vnd.adobe.photoshop", advice=_EXPORT_IMAGE)),
+)
+_SVG = Media("an SVG drawing", "image/svg+xml", advice=_EXPORT_DRAWING)
+_HTML = Media("a web page", "text/html", advice="The download may have saved an error page instead.")
+_OBJ_MEDIA = Media("an OBJ model", "model/obj", advice=_EXPORT_SCAN)
+_XYZ = Media("a list of numbers (XYZ, PTS or CSV)", "text/plain", advice=_EXPORT_SCAN)
+_WEBP = Media("a WebP image", "image/webp", advice=_EXPORT_IMAGE)
+_HEIC = Media("a HEIC, AVIF or MP4 file", "image/heic", advice=_EXPORT_IMAGE)
+
+
+def recognise(head: bytes) -> Media:
+    """Return what a file is whose first bytes are `head`; never refuses.
+
+    A recognised beginning does not tell that the rest is whole or right: that the file's job finds out.
+
+    Parameters
+    ----------
+    head : bytes
+        The first `HEAD_BYTES` of the file, or all of a smaller one.
+
+    Examples
+    --------
+    >>> recognise(b"%PDF-1.7 and so on").name
+    'a PDF document'
+    """
+    for magic, media in _MAGIC:
+        if head.startswith(magic):
+            return media
+    if head[:2] == b"BM" and head[6:10] == bytes(4):
+        return BMP
+    if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
+        return _WEBP
+    if head[4:8] == b"ftyp":
+        return _HEIC
+    return _recognise_text(head) if _is_text(head) else _UNKNOWN
+
+
+def accept(head: bytes, purpose: Purpose) -> Media:
+    """Return what the file is, if it can be uploaded for the purpose.
+
+    Raises
+    ------
+    FileEmpty
+        If `head` holds nothing.
+    UnsupportedMedia
+        If files of this kind are not read, or belong to another purpose.
+    """
+    if not head:
+        raise FileEmpty("The file has no bytes; look at it where it comes from, and upload it again.")
+    media = recognise(head)
+    if media.fits is purpose:
+        return media
+    taken = "PNG, JPEG, TIFF or BMP images" if purpose is Purpose.DRAWING else "PLY or PCD point clouds"
+    advice = media.advice or f"A {purpose} is taken as one of: {taken}."
+    if media.fits is not None:
+        advice = f"Upload it as a {media.fits}, or take another file: {purpose}s are {taken}."
+    raise UnsupportedMedia(
+        f"By its own bytes the file is {media.name}, whatever its name says. {advice}",
+        found=media.media_type,
+        purpose=str(purpose),
+    )
+
+
+def _is_text(head: bytes) -> bool:
+    if not head or b"\0" in head:
+        return False
+    control = sum(byte < 32 and byte not in b"\t\n\f\r\x1b" for byte in head[:4096])
+    return control == 0
+
+
+def _recognise_text(head: bytes) -> Media:
+    start = head.lstrip(_WHITE)
+    lower = start[:1024].lower()
+    if b"<svg" in lower:
+        return _SVG
+    if lower.startswith((b"<!doctype html", b"<html")):
+        return _HTML
+    if b"%pdf-" in lower:
+        return Media("a PDF document behind other bytes", "application/pdf", advice=_EXPORT_DRAWING)
+    for pattern, media in ((_PCD, PCD), (_DXF, _DXF_MEDIA), (_OBJ, _OBJ_MEDIA), (_NUMBERS, _XYZ)):
+        if pattern.match(start[:4096]):
+            return media
+    return _TEXT
