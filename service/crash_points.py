@@ -1,7 +1,7 @@
 """Named instants at which a test may kill the process, to prove that nothing is lost or done twice.
 
-Every commit, rename, fsync and message of a child passes one of these names. Nothing happens there
-unless a composition root armed a point from its settings.
+Every commit, rename, fsync and message between a worker and its child passes one of these names.
+Nothing happens there unless a composition root armed a point from its settings.
 """
 
 from __future__ import annotations
@@ -9,27 +9,45 @@ from __future__ import annotations
 import os
 import signal
 from dataclasses import dataclass
+from pathlib import Path
 
-CRASH_POINTS: frozenset[str] = frozenset(
+TRANSACTIONS: frozenset[str] = frozenset(
     {
-        "blob.before-fsync",
-        "blob.before-rename",
-        "blob.after-rename",
-        "receive-drawing.before-commit",
-        "receive-drawing.after-commit",
-        "receive-scan.before-commit",
-        "receive-scan.after-commit",
-        "reread-drawing.before-commit",
-        "reread-drawing.after-commit",
-        "create-upload.before-commit",
-        "create-upload.after-commit",
-        "finish-upload.before-commit",
-        "finish-upload.after-commit",
-        "terminate-upload.before-commit",
-        "terminate-upload.after-commit",
-        "upload.before-fsync",
-        "upload.after-fsync",
+        # service
+        "receive-drawing",
+        "receive-scan",
+        "reread-drawing",
+        "create-upload",
+        "finish-upload",
+        "terminate-upload",
+        # worker
+        "claim-job",
+        "beat-job",
+        "end-job",
+        "redeliver-jobs",
+        "record-drawing-reading",
+        "record-scan-reading",
+        "record-placement",
+        "record-revision",
     }
+)
+"""Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""
+
+MESSAGES: frozenset[str] = frozenset({"job", "ready", "progress", "done", "failed"})
+"""Every message between a worker and its child; each has the points before-send and after-send."""
+
+CRASH_POINTS: frozenset[str] = (
+    frozenset(
+        {
+            "blob.before-fsync",
+            "blob.before-rename",
+            "blob.after-rename",
+            "upload.before-fsync",
+            "upload.after-fsync",
+        }
+    )
+    | {f"{name}.{when}" for name in TRANSACTIONS for when in ("before-commit", "after-commit")}
+    | {f"message-{kind}.{when}" for kind in MESSAGES for when in ("before-send", "after-send")}
 )
 """Every name that `reach` is called with; a test compares it with the sources."""
 
@@ -38,13 +56,20 @@ CRASH_POINTS: frozenset[str] = frozenset(
 class _Armed:
     name: str | None = None
     hits_left: int = 1
+    mark: Path | None = None
 
 
 _armed = _Armed()
 
 
-def arm(name: str, *, on_hit: int = 1) -> None:
+def arm(name: str, *, on_hit: int = 1, mark: Path | None = None) -> None:
     """Kill this process (SIGKILL) when the point `name` is reached for the `on_hit`-th time.
+
+    Parameters
+    ----------
+    mark : Path, optional
+        A file that is made just before the kill; where it exists already, nothing is killed. So a
+        process that is started again under the same settings dies once.
 
     Raises
     ------
@@ -54,12 +79,37 @@ def arm(name: str, *, on_hit: int = 1) -> None:
     if name not in CRASH_POINTS:
         msg = f"no crash point is called {name!r}"
         raise ValueError(msg)
-    _armed.name, _armed.hits_left = name, on_hit
+    _armed.name, _armed.hits_left, _armed.mark = name, on_hit, mark
+
+
+def arm_from(setting: str | None, *, folder: Path) -> None:
+    """Arm what a setting names: ``name``, ``name:n`` or, to die once in this data folder, ``name:n:once``.
+
+    Raises
+    ------
+    ValueError
+        If the setting has another form, or no such point is listed.
+    """
+    if setting is None:
+        return
+    name, _, rest = setting.partition(":")
+    hit, _, once = rest.partition(":")
+    if once not in {"", "once"}:
+        msg = f"a crash point is set as name, name:n or name:n:once, not {setting!r}"
+        raise ValueError(msg)
+    arm(name, on_hit=int(hit or 1), mark=folder / f"crashed-at-{name}" if once else None)
 
 
 def reach(name: str) -> None:
     """Pass the instant `name`: die here if it is armed, else do nothing."""
-    if _armed.name == name:
-        _armed.hits_left -= 1
-        if _armed.hits_left <= 0:
-            os.kill(os.getpid(), signal.SIGKILL)
+    if _armed.name != name:
+        return
+    _armed.hits_left -= 1
+    if _armed.hits_left > 0:
+        return
+    if _armed.mark is not None:
+        try:
+            _armed.mark.touch(exist_ok=False)
+        except FileExistsError:
+            return
+    os.kill(os.getpid(), signal.SIGKILL)
