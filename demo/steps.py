@@ -1,4 +1,4 @@
-"""The steps of the loop over the public HTTP API, each as one function: what a client's author would write."""
+"""The loop over the public HTTP API, a function a step: what the author of a client would write."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The story: an admin builds a map, a tablet adds a machine, a robot fetches the map and checks every byte."""
+"""The story: an admin builds a map, a tablet adds a machine, a robot fetches the map and checks it."""
 
 from __future__ import annotations
 
