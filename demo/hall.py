@@ -294,8 +294,8 @@ def _others(bay: Rectangle, rng: np.random.Generator) -> tuple[Machine, ...]:
     strips = np.linspace(bay.x0, bay.x1, 4)
     machines = []
     for number, (x0, x1) in enumerate(pairwise(strips), start=1):
-        length, width, height = rng.uniform((1.5, 0.8, 1.2), (3.0, 1.6, 2.2))
-        x, y = (x0 + x1) / 2, bay.y0 + bay.size[1] * rng.uniform(0.45, 0.55)
+        length, width, height = rng.uniform((1.4, 0.8, 1.2), (2.2, 1.3, 2.2))
+        x, y = (x0 + x1) / 2, bay.centre[1] + 0.2 + rng.uniform(-0.1, 0.1)
         yaw = float(rng.choice([0.0, np.pi / 2])) + float(rng.normal(0.0, 0.05))
         machines.append(Machine(f"machine-{number}", float(x), float(y), yaw, length, width, height))
     return tuple(machines)
