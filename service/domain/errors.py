@@ -164,6 +164,12 @@ class DrawingNotRead(Conflict):
     title = "The drawing has not been read"
 
 
+class MapNameTaken(Conflict):
+    """The site already has a map of this name."""
+
+    title = "The name is taken"
+
+
 class StaleBase(Conflict):
     """The map has a newer revision than the one that the request builds on.
 

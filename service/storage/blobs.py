@@ -69,3 +69,6 @@ class BlobStore(Protocol):
         self, is_known: Callable[[str], bool], *, now_s: float, older_than_s: float = 3600.0
     ) -> list[str]:
         """Remove old blobs that no row names, and return their SHA-256s."""
+
+    def free_bytes(self) -> int:
+        """Return how many bytes there is room for."""

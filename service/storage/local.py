@@ -173,6 +173,10 @@ class LocalBlobStore:
         """Return whether the blob is there."""
         return self._place(sha256).is_file()
 
+    def free_bytes(self) -> int:
+        """Return how many bytes the disk has room for."""
+        return shutil.disk_usage(self._blobs).free
+
     def settle(self, path: Path, fd: int, stored: Stored) -> None:
         """Rename a complete file, open as `fd`, to its blob's name so that it survives a power cut."""
         place = self._place(stored.sha256)

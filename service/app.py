@@ -1,0 +1,121 @@
+"""The service put together: settings in, an application out."""
+
+from __future__ import annotations
+
+import asyncio
+import secrets
+from collections.abc import AsyncIterator
+from contextlib import asynccontextmanager
+from datetime import UTC, datetime
+from importlib.metadata import version
+
+from fastapi import FastAPI
+from sqlalchemy.engine import make_url
+from sqlalchemy.exc import SQLAlchemyError
+
+from service.api import openapi, problems
+from service.api.deps import JSON_BODY_BYTES, Limits
+from service.api.edge import Edge
+from service.api.metrics import Metrics
+from service.api.routes import maps
+from service.api.routes import problems as problem_pages
+from service.db.schema import is_current
+from service.db.session import Database, open_engine
+from service.settings import Settings
+from service.storage.local import LocalBlobStore
+from service.usecases.kernel import Kernel
+from service.usecases.stats import job_figures
+
+_ROUTERS = (maps.router, problem_pages.router)
+
+
+class SchemaNotCurrent(Exception):
+    """The database has not the schema of this version; the sentence tells what to do."""
+
+
+def open_kernel(settings: Settings) -> Kernel:
+    """Return the kernel of this process: the database and the blobs that the settings name."""
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    return Kernel(
+        db=Database(open_engine(settings.url())),
+        blobs=LocalBlobStore(settings.data_dir),
+        now=lambda: datetime.now(UTC),
+        entropy=secrets.token_bytes,
+    )
+
+
+def require_schema(kernel: Kernel) -> None:
+    """Pass when the database is reachable and has the schema of this version.
+
+    Raises
+    ------
+    SchemaNotCurrent
+        If it is not; the sentence tells what to do.
+    """
+    shown = make_url(kernel.db.engine.url).render_as_string(hide_password=True)
+    try:
+        current = is_current(kernel.db.engine)
+    except SQLAlchemyError as error:
+        first_line = str(error).splitlines()[0]
+        raise SchemaNotCurrent(f"The database {shown} cannot be used: {first_line}") from error
+    if not current:
+        raise SchemaNotCurrent(
+            f"The database {shown} has not the schema of this version; run `groundplan migrate` first."
+        )
+
+
+def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
+    """Return the HTTP application on the database and the folder that the settings name.
+
+    Parameters
+    ----------
+    settings : Settings
+        What the operator set.
+    kernel : Kernel, optional
+        An open kernel, which the caller closes; by default one is opened here and closed with the app.
+
+    Raises
+    ------
+    SchemaNotCurrent
+        If the database has not the schema of this version.
+    """
+    own = kernel is None
+    kernel = kernel or open_kernel(settings)
+    require_schema(kernel)
+    metrics = Metrics(jobs=lambda: job_figures(kernel))
+    metrics.watch_jobs()
+
+    @asynccontextmanager
+    async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        yield
+        app.state.stopping.set()
+        if own:
+            kernel.db.close()
+
+    app = FastAPI(
+        title="Groundplan",
+        version=version("groundplan"),
+        summary="The point-cloud map of a 3D-LiDAR robot, from the building's drawing and tablet scans.",
+        lifespan=lifespan,
+        max_body_size=JSON_BODY_BYTES,
+        redirect_slashes=False,
+        docs_url="/docs",
+        redoc_url=None,
+        responses=openapi.PROBLEMS,
+        generate_unique_id_function=openapi.operation_id,
+    )
+    app.state.kernel = kernel
+    app.state.metrics = metrics
+    app.state.public_url = settings.public_url
+    app.state.stopping = asyncio.Event()
+    app.state.limits = Limits(
+        max_upload_bytes=settings.max_upload_bytes,
+        upload_expiry_s=settings.upload_expiry_s,
+        idempotency_expiry_s=settings.idempotency_expiry_s,
+    )
+    app.add_middleware(Edge, metrics=metrics)
+    problems.install(app)
+    for router in _ROUTERS:
+        app.include_router(router)
+    openapi.install(app)
+    return app

@@ -1,0 +1,105 @@
+"""Revisions, their layers and artifacts, and the pointers that publish them."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from datetime import datetime
+
+from sqlalchemy import select, update
+from sqlalchemy.orm import Session
+
+from service.db.models import Artifact, Blob, Channel, Layer, Map, Publication, Revision
+from service.domain.lifecycle import RevisionStatus
+
+
+def find_revision(session: Session, map_id: str, *, n: int) -> Revision | None:
+    """Return revision `n` of a map, or None."""
+    return session.scalars(select(Revision).where(Revision.map_id == map_id, Revision.n == n)).one_or_none()
+
+
+def latest_revision(session: Session, map_id: str, *, status: RevisionStatus) -> Revision | None:
+    """Return the revision of this status with the highest number, or None."""
+    return session.scalars(
+        select(Revision)
+        .where(Revision.map_id == map_id, Revision.status == status.value)
+        .order_by(Revision.n.desc())
+        .limit(1)
+    ).one_or_none()
+
+
+def latest_revisions(session: Session, *, limit: int) -> Sequence[Revision]:
+    """Return the revisions of all maps that were made last, newest first."""
+    return session.scalars(select(Revision).order_by(Revision.id.desc()).limit(limit)).all()
+
+
+def list_revisions(
+    session: Session, map_id: str, *, status: RevisionStatus | None, below: int | None, limit: int
+) -> Sequence[Revision]:
+    """Return up to `limit` revisions of a map, newest first, with numbers below `below`."""
+    query = select(Revision).where(Revision.map_id == map_id).order_by(Revision.n.desc()).limit(limit)
+    if status is not None:
+        query = query.where(Revision.status == status.value)
+    if below is not None:
+        query = query.where(Revision.n < below)
+    return session.scalars(query).all()
+
+
+def take_number(session: Session, map_id: str) -> int:
+    """Return the number of the map's next revision, taken in this transaction."""
+    following: int = session.execute(
+        update(Map)
+        .where(Map.id == map_id)
+        .values(next_revision=Map.next_revision + 1)
+        .returning(Map.next_revision)
+        .execution_options(synchronize_session=False)
+    ).scalar_one()
+    return following - 1
+
+
+def layers_of(session: Session, revision_ids: Sequence[str]) -> dict[str, list[Layer]]:
+    """Return the layers of each revision, in their order."""
+    found: dict[str, list[Layer]] = {revision_id: [] for revision_id in revision_ids}
+    query = select(Layer).where(Layer.revision_id.in_(revision_ids)).order_by(Layer.position)
+    for layer in session.scalars(query):
+        found[layer.revision_id].append(layer)
+    return found
+
+
+def list_artifacts(
+    session: Session, revision_id: str, *, after: str | None = None, limit: int | None = None
+) -> Sequence[Artifact]:
+    """Return the files of a revision in the order of their paths, from behind the path `after`."""
+    query = select(Artifact).where(Artifact.revision_id == revision_id).order_by(Artifact.path).limit(limit)
+    if after is not None:
+        query = query.where(Artifact.path > after)
+    return session.scalars(query).all()
+
+
+def find_artifact(session: Session, revision_id: str, *, path: str) -> Artifact | None:
+    """Return one file of a revision, or None."""
+    return session.get(Artifact, (revision_id, path))
+
+
+def find_blob(session: Session, sha256: str) -> Blob | None:
+    """Return the record of a blob, or None."""
+    return session.get(Blob, sha256)
+
+
+def find_channel(session: Session, map_id: str, *, channel: str) -> Channel | None:
+    """Return the pointer of a map's channel, or None when nothing was ever published on it."""
+    return session.get(Channel, (map_id, channel))
+
+
+def move_pointer(
+    session: Session, pointer: Channel | None, publication: Publication, *, now: datetime
+) -> Channel:
+    """Return the channel's pointer, moved as `publication` says; the move is kept."""
+    if pointer is None:
+        pointer = Channel(map_id=publication.map_id, name=publication.channel)
+        session.add(pointer)
+    pointer.revision_n = publication.to_n
+    pointer.generation = publication.generation
+    pointer.published_at = now
+    session.add(publication)
+    session.flush()
+    return pointer

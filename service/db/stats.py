@@ -1,0 +1,42 @@
+"""Counts over all tables."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from sqlalchemy import func, select
+from sqlalchemy.orm import Session
+
+from service.db.models import Blob, Drawing, Job, Map, Revision, Scan
+from service.domain.lifecycle import JobState
+
+
+def jobs_by_state(session: Session) -> dict[str, int]:
+    """Return how many jobs are in each state, those with none included."""
+    counted = dict.fromkeys((state.value for state in JobState), 0)
+    for state, number in session.execute(select(Job.state, func.count()).group_by(Job.state)):
+        counted[state] = number
+    return counted
+
+
+def oldest_due(session: Session, *, now: datetime) -> datetime | None:
+    """Return since when the oldest queued job could have been started, or None when none waits."""
+    return session.scalars(
+        select(Job.run_after)
+        .where(Job.state == JobState.QUEUED.value, Job.run_after <= now)
+        .order_by(Job.run_after)
+        .limit(1)
+    ).one_or_none()
+
+
+def totals(session: Session) -> dict[str, int]:
+    """Return how many maps, drawings, scans and revisions there are."""
+    tables = {"maps": Map, "drawings": Drawing, "scans": Scan, "revisions": Revision}
+    return {
+        name: session.scalar(select(func.count()).select_from(table)) or 0 for name, table in tables.items()
+    }
+
+
+def blob_bytes(session: Session) -> int:
+    """Return the bytes of all files that rows refer to, each counted once."""
+    return int(session.scalar(select(func.sum(Blob.size_bytes))) or 0)
