@@ -1,0 +1,75 @@
+"""Take in a drawing: its row and the job that reads it, in one transaction."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy.orm import Session
+
+from service.db.jobs import enqueue
+from service.db.models import Drawing, Job
+from service.domain.access import Actor
+from service.domain.drawing_options import DrawingOptions
+from service.domain.lifecycle import JobKind
+from service.usecases.kernel import Kernel
+from service.usecases.receive_file import ReceivedFile, record_file, require_receiver
+
+
+@dataclass(frozen=True)
+class ReceivedDrawing:
+    """Hold a new drawing and the job that will read it."""
+
+    drawing: Drawing
+    job: Job
+
+
+def receive_drawing(
+    kernel: Kernel,
+    session: Session,
+    actor: Actor,
+    *,
+    map_id: str,
+    file: ReceivedFile,
+    options: DrawingOptions,
+) -> ReceivedDrawing:
+    """Return the new drawing of a map and its queued job.
+
+    Parameters
+    ----------
+    file : ReceivedFile
+        Its bytes are in the blob store already: bytes first, rows second.
+    options : DrawingOptions
+        What the sender said of the drawing.
+
+    Raises
+    ------
+    Forbidden
+        If the actor is neither a tablet nor an admin.
+    MapNotFound
+        If there is no such map, or the actor's key does not cover it.
+    """
+    require_receiver(session, actor, map_id)
+    now = kernel.now()
+    record_file(kernel, session, file)
+    drawing_id = kernel.new_id("drw")
+    job = enqueue(
+        session,
+        JobKind.READ_DRAWING,
+        job_id=kernel.new_id("job"),
+        map_id=map_id,
+        subject_id=drawing_id,
+        now=now,
+    )
+    drawing = Drawing(
+        id=drawing_id,
+        map_id=map_id,
+        file_name=file.file_name,
+        blob_sha256=file.sha256,
+        options=options.to_json(),
+        job_id=job.id,
+        created_at=now,
+        created_by=actor.key_id,
+    )
+    session.add(drawing)
+    session.flush()
+    return ReceivedDrawing(drawing, job)
