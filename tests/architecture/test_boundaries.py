@@ -1,0 +1,127 @@
+"""What may stand where: imports, names of modules, sizes."""
+
+from __future__ import annotations
+
+import ast
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from tests.architecture.sources import ROOT, trees
+
+DOMAIN_MAY_IMPORT = {"numpy", "service"} | sys.stdlib_module_names
+NUMERICAL_STACK = (
+    "scipy",
+    "open3d",
+    "numba",
+    "cv2",
+    "ezdxf",
+    "pypdfium2",
+    "skimage",
+    "PIL",
+    "shapely",
+    "worker",
+)
+NO_PLACE = {"utils", "util", "helpers", "helper", "common", "misc", "shared", "tools", "stuff"}
+
+MAX_FILE_LINES = 400
+MAX_FUNCTION_LINES = 60
+LONG_FILES: dict[str, str] = {
+    "service/domain/errors.py": "one tree of refusals, read from top to bottom",
+}
+LONG_FUNCTIONS: dict[str, str] = {}
+
+
+def _run_python(code: str) -> str:
+    done = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr
+    return done.stdout
+
+
+def test_the_import_contracts_hold() -> None:
+    command = [str(Path(sys.executable).parent / "lint-imports"), "--no-cache"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stdout + done.stderr
+
+
+def test_the_domain_imports_the_standard_library_and_numpy_alone() -> None:
+    outside = {
+        f"{path}: {module}"
+        for path, tree in trees().items()
+        if path.startswith("service/domain/")
+        for module in _imported(tree)
+        if module.split(".")[0] not in DOMAIN_MAY_IMPORT
+    }
+    assert outside == set()
+
+
+def _imported(tree: ast.Module) -> list[str]:
+    found = []
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Import):
+            found += [alias.name for alias in node.names]
+        elif isinstance(node, ast.ImportFrom):
+            found.append(node.module or "service")
+    return found
+
+
+def test_the_service_loads_none_of_the_numerical_stack() -> None:
+    loaded = set(_run_python("import service.app, sys; print(*sorted(sys.modules))").split())
+    assert "fastapi" in loaded
+    assert [name for name in NUMERICAL_STACK if name in loaded] == []
+
+
+def test_the_worker_that_holds_the_lease_loads_no_job_code() -> None:
+    loaded = set(_run_python("import worker.__main__, sys; print(*sorted(sys.modules))").split())
+    assert "worker.runner" in loaded
+    heavy = (
+        "scipy",
+        "open3d",
+        "numba",
+        "cv2",
+        "skimage",
+        "worker.child",
+        "worker.registry",
+        "worker.geometry",
+    )
+    assert [name for name in heavy if name in loaded] == []
+
+
+def test_the_command_line_answers_help_without_the_numerical_stack() -> None:
+    code = "import sys, worker.cli\ntry: worker.cli.main(['build', '--help'])\nexcept SystemExit: pass\n"
+    listed = _run_python(code + "print('MODULES', *sorted(sys.modules))").split("MODULES")[1].split()
+    assert [name for name in ("scipy", "open3d", "numba", "cv2", "skimage") if name in listed] == []
+
+
+@pytest.mark.parametrize("room", ["service", "worker", "migrations", "demo", "tests"])
+def test_no_module_has_a_name_without_a_place(room: str) -> None:
+    paths = [path for path in (ROOT / room).rglob("*.py") if path.stem in NO_PLACE]
+    paths += [path for path in (ROOT / room).rglob("*") if path.is_dir() and path.name in NO_PLACE]
+    assert paths == []
+
+
+def test_files_stay_readable() -> None:
+    long = {path for path in trees() if len((ROOT / path).read_text().splitlines()) > MAX_FILE_LINES}
+    assert long == set(LONG_FILES)
+
+
+def test_functions_stay_readable() -> None:
+    long = {
+        f"{path}:{node.name}"
+        for path, tree in trees().items()
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef) and _code_lines(node) > MAX_FUNCTION_LINES
+    }
+    assert long == set(LONG_FUNCTIONS)
+
+
+def _code_lines(node: ast.FunctionDef | ast.AsyncFunctionDef) -> int:
+    """Return the lines from `def` to the end, without the docstring."""
+    assert node.end_lineno is not None
+    lines = node.end_lineno - node.lineno + 1
+    first = node.body[0]
+    if ast.get_docstring(node) is not None and first.end_lineno is not None:
+        lines -= first.end_lineno - first.lineno + 1
+    return lines
