@@ -1,0 +1,188 @@
+"""`groundplan read` and `groundplan build`: a drawing to its walls, and to a map."""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import math
+import shutil
+import sys
+import tempfile
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from service.domain.errors import InvalidRequest, NotFound, ScaleUnknown
+from service.domain.recipe import MapFromDrawing, Recipe
+from service.domain.scale import KnownLength, ScaleHint
+
+if TYPE_CHECKING:
+    from worker.geometry.drawing.reading import Reading
+
+
+def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
+    """Add the arguments of ``read`` or ``build``."""
+    parser.add_argument("drawing", type=Path, metavar="DRAWING", help="PNG, JPEG, TIFF or BMP")
+    scale = parser.add_argument_group("scale (one of these)")
+    scale.add_argument("--scale", metavar="1:N", help="scale of the sheet; needs --dpi")
+    scale.add_argument("--dpi", type=float, help="pixels an inch of the sheet; else what the file states")
+    scale.add_argument("--metres-per-unit", type=float, metavar="X", help="metres per pixel")
+    scale.add_argument("--known-length", metavar="x1,y1,x2,y2,L", help="two pixels (y down) and metres")
+    parser.add_argument("--page", type=int, default=1, help="page of a TIFF of several")
+    parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="made or refreshed")
+    parser.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
+    if name == "build":
+        parser.add_argument("--voxel-size", type=float, default=0.4, metavar="M")
+        parser.add_argument("--wall-height", type=float, default=2.5, metavar="M")
+        parser.add_argument("--floor", action="store_true", help="add a plane at z = 0")
+        parser.add_argument("--ceiling", action="store_true", help="add a plane at the wall height")
+        parser.add_argument("--map-from-drawing", metavar="x,y,yaw_deg", help="T_map_drawing")
+
+
+def run(name: str, args: argparse.Namespace) -> int:
+    """Read a drawing, and for ``build`` make its map; return 0.
+
+    Everything is written beside the output folder first and moved into it when it is complete.
+    """
+    recipe = _recipe(args) if name == "build" else None
+    hint = _scale(args)
+    if recipe is not None and hint is None:
+        raise ScaleUnknown(
+            "A map needs the drawing's scale: give --known-length, --metres-per-unit, or --scale with --dpi."
+        )
+    if not args.drawing.is_file():
+        raise NotFound(f"There is no file {args.drawing}.")
+    args.output.parent.mkdir(parents=True, exist_ok=True)
+    if args.output.exists() and not args.output.is_dir():
+        raise InvalidRequest(f"{args.output} is a file; -o takes a folder.")
+    work = Path(tempfile.mkdtemp(prefix=f".{args.output.name}.", dir=args.output.parent))
+    try:
+        reading, result = _read(args, hint, work)
+        if recipe is not None:
+            result = _build(args, reading, recipe, hint, work)
+        _publish(work, args.output)
+    finally:
+        shutil.rmtree(work, ignore_errors=True)
+    _say(args, result)
+    return 0
+
+
+def _read(args: argparse.Namespace, hint: ScaleHint | None, work: Path) -> tuple[Reading, dict[str, Any]]:
+    from worker.formats.raster import load_raster  # noqa: PLC0415 - heavy: --help answers at once
+    from worker.formats.reading import write_reading  # noqa: PLC0415
+    from worker.geometry.drawing.read import read_raster  # noqa: PLC0415
+
+    _progress("load", 0.0)
+    grey = load_raster(args.drawing, page=args.page)
+    scale = None if hint is None else hint.metres_per_px()
+    reading = read_raster(grey, metres_per_px=scale, progress=_progress)
+    if args.command == "read":
+        write_reading(reading, work, scale=_scale_json(hint))
+        return reading, json.loads((work / "reading.json").read_text(encoding="utf-8"))
+    return reading, {}
+
+
+def _build(
+    args: argparse.Namespace, reading: Reading, recipe: Recipe, hint: ScaleHint | None, work: Path
+) -> dict[str, Any]:
+    from worker.formats.artifacts import write_artifacts  # noqa: PLC0415 - as above
+
+    with args.drawing.open("rb") as file:
+        digest = hashlib.file_digest(file, "sha256").hexdigest()
+    inputs = {
+        "drawing": {"sha256": digest, "name": args.drawing.name, "page": args.page},
+        "scale": _scale_json(hint),
+    }
+    write_artifacts(
+        work,
+        walls=reading.walls,
+        columns=reading.columns,
+        recipe=recipe,
+        inputs=inputs,
+        findings=reading.findings,
+        progress=_progress,
+    )
+    report: dict[str, Any] = json.loads((work / "report.json").read_text(encoding="utf-8"))
+    return report
+
+
+def _publish(work: Path, output: Path) -> None:
+    """Move the finished files into place: the folder at once where it is new, else file by file."""
+    work.chmod(0o755)
+    if not output.exists():
+        work.rename(output)
+        return
+    for path in sorted(work.iterdir()):
+        path.replace(output / path.name)
+
+
+def _say(args: argparse.Namespace, result: dict[str, Any]) -> None:
+    print(file=sys.stderr)
+    if args.json:
+        print(json.dumps({"output": str(args.output), **result}, sort_keys=True))
+        return
+    counts = result["counts"]
+    points = f", {counts['points']} points" if "points" in counts else ""
+    print(f"{args.output}: {counts['walls']} walls{points}")
+
+
+def _progress(stage: str, share: float) -> None:
+    print(f"\r{share:4.0%} {stage:<24}", end="", file=sys.stderr, flush=True)
+
+
+def _scale(args: argparse.Namespace) -> ScaleHint | None:
+    ratio, dpi, known = None, args.dpi, None
+    if args.scale is not None:
+        ratio = _ratio(args.scale)
+        if dpi is None:
+            from worker.formats.raster import load_dpi  # noqa: PLC0415
+
+            dpi = load_dpi(args.drawing) if args.drawing.is_file() else None
+    if args.known_length is not None:
+        known = KnownLength(*_numbers(args.known_length, 5, "--known-length"))
+    if ratio is None and known is None and args.metres_per_unit is None:
+        return None
+    hint = ScaleHint(
+        metres_per_unit=args.metres_per_unit, ratio=ratio, dpi=dpi if ratio else None, known_length=known
+    )
+    hint.metres_per_px()
+    return hint
+
+
+def _ratio(text: str) -> float:
+    try:
+        drawn, real = (float(v) for v in text.split(":"))
+        ratio = real / drawn
+    except (ValueError, ZeroDivisionError) as error:
+        raise InvalidRequest(f"--scale is 1:N, such as 1:100, not {text!r}.") from error
+    return ratio
+
+
+def _numbers(text: str, count: int, option: str) -> list[float]:
+    try:
+        values = [float(v) for v in text.split(",")]
+    except ValueError as error:
+        raise InvalidRequest(f"{option} takes {count} numbers with commas, not {text!r}.") from error
+    if len(values) != count or not all(math.isfinite(v) for v in values):
+        raise InvalidRequest(f"{option} takes {count} finite numbers with commas, not {text!r}.")
+    return values
+
+
+def _recipe(args: argparse.Namespace) -> Recipe:
+    pose = MapFromDrawing()
+    if args.map_from_drawing is not None:
+        x, y, yaw_deg = _numbers(args.map_from_drawing, 3, "--map-from-drawing")
+        pose = MapFromDrawing(x, y, math.radians(yaw_deg))
+    return Recipe(
+        voxel_size_m=args.voxel_size,
+        wall_height_m=args.wall_height,
+        floor=args.floor,
+        ceiling=args.ceiling,
+        map_from_drawing=pose,
+    )
+
+
+def _scale_json(hint: ScaleHint | None) -> dict[str, Any]:
+    if hint is None:
+        return {"state": "unknown"}
+    return {"state": "given", "metres_per_px": hint.metres_per_px(), "evidence": hint.to_json()}

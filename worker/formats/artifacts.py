@@ -1,0 +1,141 @@
+"""The files of a revision, derived from walls, a recipe and layers: the same inputs give the same bytes."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from service.domain.bounds import Bounds
+from service.domain.errors import NoWallsFound
+from service.domain.findings import Finding
+from service.domain.recipe import Recipe
+from worker.formats import preview
+from worker.formats.occupancy import write_occupancy
+from worker.formats.pcd import write_pcd
+from worker.formats.reading import write_json, write_walls
+from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_columns, place_walls
+from worker.geometry.cloud.occupancy_grid import occupancy_grid
+from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.drawing.reading import Column, Wall
+
+Progress = Callable[[str, float], None]
+
+
+def write_artifacts(
+    directory: Path,
+    *,
+    walls: Sequence[Wall],
+    recipe: Recipe,
+    inputs: dict[str, Any],
+    columns: Sequence[Column] = (),
+    layers: Sequence[PlacedLayer] = (),
+    findings: Sequence[Finding] = (),
+    bounds: Bounds | None = None,
+    progress: Progress | None = None,
+) -> list[Path]:
+    """Write every artifact of a revision into `directory` and return the paths.
+
+    Parameters
+    ----------
+    directory : Path
+        Exists; files of the same names are overwritten.
+    walls, columns : sequence
+        In frame `drawing`; `recipe.map_from_drawing` takes them to frame `map`.
+    recipe : Recipe
+        How the cloud is built.
+    inputs : dict
+        What the build started from (file names, sha256, scale), for ``report.json``.
+    layers : sequence of PlacedLayer
+        In frame `map`.
+    findings : sequence of Finding
+        Remarks of earlier steps, for ``report.json``.
+    bounds : Bounds, optional
+        `max_map_points` limits the cloud.
+    progress : callable, optional
+        Told the stage and the share done; what it raises ends the work.
+
+    Returns
+    -------
+    list of Path
+        ``point-cloud.pcd``, ``occupancy-grid.pgm``, ``occupancy-grid.yaml``, ``walls.geojson``, ``preview.png``,
+        ``report.json``.
+
+    Raises
+    ------
+    NoWallsFound
+        If there is no wall.
+    TooManyPoints
+        If the cloud would exceed `bounds.max_map_points`.
+    CoordinatesTooLarge
+        If float32 cannot tell the voxels apart so far from the origin.
+    """
+    if not walls:
+        raise NoWallsFound("There is no wall to build a map from; look at the drawing's reading.")
+    tell = progress or (lambda _stage, _share: None)
+    T_map_drawing = map_transform(recipe)
+    walls, columns = place_walls(walls, T_map_drawing), place_columns(columns, T_map_drawing)
+    tell("point-cloud", 0.1)
+    cloud = compound(walls, columns, recipe=recipe, layers=layers, bounds=bounds)
+    paths = [directory / "point-cloud.pcd"]
+    write_pcd(paths[0], cloud)
+    tell("occupancy-grid", 0.6)
+    grid = occupancy_grid(walls, columns, layers=layers, resolution=recipe.occupancy_resolution_m)
+    paths += write_occupancy(directory, grid)
+    tell("preview", 0.8)
+    paths.append(directory / "walls.geojson")
+    write_walls(paths[-1], walls, columns, frame="map")
+    paths.append(directory / "preview.png")
+    _picture(paths[-1], walls, columns, cloud)
+    paths.append(directory / "report.json")
+    write_json(paths[-1], _report(cloud, walls, columns, layers, recipe, inputs, findings), indent=2)
+    tell("done", 1.0)
+    return paths
+
+
+def _picture(path: Path, walls: Sequence[Wall], columns: Sequence[Column], cloud: PointCloud) -> None:
+    lines = [f for w in walls for f in w.faces] + [c.outline for c in columns]
+    layer_points = cloud.points[cloud.labels == Label.LAYER, :2]
+    every = np.vstack([*lines, layer_points])
+    drawn = [
+        preview.Drawn(
+            preview.COLUMN, lines=tuple(np.vstack([c.outline, c.outline[:1]]) for c in columns), width=2
+        ),
+        preview.Drawn(preview.WALL, lines=tuple(f for w in walls for f in w.faces), width=2),
+        preview.Drawn(preview.LAYER, points=layer_points),
+    ]
+    low, high = every.min(axis=0) - 0.5, every.max(axis=0) + 0.5
+    preview.write_preview(
+        path, drawn, low=(float(low[0]), float(low[1])), high=(float(high[0]), float(high[1]))
+    )
+
+
+def _report(  # noqa: PLR0917, PLR0913 - one place lists all that a report holds
+    cloud: PointCloud,
+    walls: Sequence[Wall],
+    columns: Sequence[Column],
+    layers: Sequence[PlacedLayer],
+    recipe: Recipe,
+    inputs: dict[str, Any],
+    findings: Sequence[Finding],
+) -> dict[str, Any]:
+    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
+    return {
+        "frame": "map",
+        "inputs": inputs,
+        "recipe": recipe.to_json(),
+        "counts": {
+            "points": len(cloud),
+            "points_by_label": {
+                label.name.lower(): int((cloud.labels == label).sum()) for label in Label if label
+            },
+            "walls": len(walls),
+            "columns": len(columns),
+            "wall_length_m": round(sum(w.length for w in walls), 2),
+        },
+        "layers": [{"name": x.name, "points_given": len(x.cloud)} for x in layers],
+        "extent_m": {"min": np.round(low, 4).tolist(), "max": np.round(high, 4).tolist()},
+        "findings": [f.to_json() for f in findings],
+    }

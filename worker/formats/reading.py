@@ -1,0 +1,237 @@
+"""Readings of drawings as files: walls.geojson, removed.geojson, reading.json and a preview."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.domain.bounds import Bounds
+from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
+from worker.formats import preview
+from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Unit, Wall
+
+_DECIMALS = 4
+_FARTHEST = 1e7
+_THICKEST = 10.0
+
+
+def write_reading(reading: Reading, directory: Path, *, scale: dict[str, Any]) -> list[Path]:
+    """Write ``walls.geojson``, ``removed.geojson``, ``preview.png`` and ``reading.json``; return their paths.
+
+    Parameters
+    ----------
+    reading : Reading
+        In frame `drawing`.
+    directory : Path
+        Exists; files of the same names are overwritten.
+    scale : dict
+        What is known of the scale, and from whom: the member ``scale`` of ``reading.json``.
+    """
+    walls, removed = directory / "walls.geojson", directory / "removed.geojson"
+    picture, summary = directory / "preview.png", directory / "reading.json"
+    write_walls(walls, reading.walls, reading.columns, frame="drawing", unit=reading.unit)
+    write_json(removed, _collection([_removed(r) for r in reading.removed], "drawing", reading.unit))
+    _picture(picture, reading)
+    write_json(summary, _summary(reading, scale), indent=2)
+    return [walls, removed, picture, summary]
+
+
+def write_walls(
+    path: Path, walls: Sequence[Wall], columns: Sequence[Column] = (), *, frame: str, unit: Unit = "m"
+) -> None:
+    """Write walls as ``LineString`` with `thickness_m` and `faces`, columns as ``Polygon``.
+
+    Coordinates are rounded to 0.1 mm. While the scale is unknown they are pixels and the thickness is
+    `thickness_px`: such a file is for looking at, and no map can be made from it.
+    """
+    features = [_wall(w, unit) for w in walls] + [_column(c) for c in columns]
+    write_json(path, _collection(features, frame, unit))
+
+
+def load_walls(path: Path, *, bounds: Bounds | None = None) -> tuple[Wall, ...]:
+    """Return the walls of a ``walls.geojson``, in the file's frame.
+
+    The file may come from outside: it is checked as any upload.
+
+    Raises
+    ------
+    FileEmpty
+        If the file has no bytes.
+    UnsupportedMedia
+        If it is not a GeoJSON FeatureCollection, or its unit is not metres.
+    FileMalformed
+        If a feature breaks the format; the sentence names it.
+    NotFinite
+        If a coordinate or a thickness is not a finite number.
+    """
+    return load_walls_and_columns(path, bounds=bounds)[0]
+
+
+def load_walls_and_columns(
+    path: Path, *, bounds: Bounds | None = None
+) -> tuple[tuple[Wall, ...], tuple[Column, ...]]:
+    """Return walls and columns of a ``walls.geojson``; raises as `load_walls` does."""
+    bounds = bounds or Bounds()
+    features = _features(path, bounds)
+    walls: list[Wall] = []
+    columns: list[Column] = []
+    for number, feature in enumerate(features):
+        where = f"feature {number} of {path.name}"
+        geometry, properties = _parts(feature, where)
+        if geometry.get("type") == "LineString":
+            walls.append(_to_wall(geometry, properties, where))
+        elif geometry.get("type") == "Polygon":
+            rings = geometry.get("coordinates")
+            if not isinstance(rings, list) or not rings:
+                raise FileMalformed(f"The polygon in {where} has no ring.")
+            ring = _line(rings[0], where, least=4)
+            columns.append(Column(ring[:-1], str(properties.get("kind", "column"))))
+        else:
+            raise FileMalformed(f"The geometry in {where} is neither a LineString nor a Polygon.")
+    return tuple(walls), tuple(columns)
+
+
+def write_json(path: Path, value: dict[str, Any], *, indent: int | None = None) -> None:
+    """Write JSON with sorted keys and no clock: the same value gives the same bytes."""
+    text = json.dumps(value, indent=indent, sort_keys=True, ensure_ascii=False, allow_nan=False)
+    path.write_text(text + "\n", encoding="utf-8")
+
+
+def _features(path: Path, bounds: Bounds) -> list[Any]:
+    text = path.read_bytes()
+    if not text:
+        raise FileEmpty(f"{path.name} has no bytes.")
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise UnsupportedMedia(f"{path.name} is not JSON: {error}.") from error
+    if not isinstance(value, dict) or not isinstance(value.get("features"), list):
+        raise UnsupportedMedia(f"{path.name} is no GeoJSON FeatureCollection.")
+    if value.get("unit", "m") != "m":
+        raise UnsupportedMedia(f"{path.name} is in {value['unit']!r}, not in metres: its scale is unknown.")
+    features = value["features"]
+    if len(features) > bounds.max_walls:
+        raise FileMalformed(f"{path.name} has {len(features)} walls; at most {bounds.max_walls} are read.")
+    return list(features)
+
+
+def _parts(feature: Any, where: str) -> tuple[dict[str, Any], dict[str, Any]]:
+    if not isinstance(feature, dict) or not isinstance(feature.get("geometry"), dict):
+        raise FileMalformed(f"The {where} has no geometry.")
+    properties = feature.get("properties") or {}
+    if not isinstance(properties, dict):
+        raise FileMalformed(f"The properties of {where} are no object.")
+    return feature["geometry"], properties
+
+
+def _to_wall(geometry: dict[str, Any], properties: dict[str, Any], where: str) -> Wall:
+    centre = _line(geometry.get("coordinates"), where, least=2)
+    thickness = properties.get("thickness_m", 0.0)
+    if isinstance(thickness, bool) or not isinstance(thickness, int | float):
+        raise FileMalformed(f"The thickness_m in {where} is no number.")
+    if not math.isfinite(thickness):
+        raise NotFinite(f"The thickness_m in {where} is not finite.")
+    if not 0.0 <= thickness <= _THICKEST:
+        raise FileMalformed(f"The thickness_m in {where} is {thickness}; it lies between 0 and {_THICKEST:g}.")
+    kind = str(properties.get("kind", "wall"))
+    faces = properties.get("faces")
+    if faces is None:
+        return Wall.of(centre, thickness=float(thickness), kind=kind)
+    if not isinstance(faces, list) or len(faces) != 2:
+        raise FileMalformed(f"The faces in {where} are not two polylines.")
+    left, right = (_line(face, where, least=2) for face in faces)
+    return Wall(centre, float(thickness), (left, right), kind)
+
+
+def _line(value: Any, where: str, *, least: int) -> NDArray[np.float64]:
+    if not isinstance(value, list) or len(value) < least:
+        raise FileMalformed(f"A line in {where} has fewer than {least} points.")
+    try:
+        line = np.array([[float(p[0]), float(p[1])] for p in value], dtype=np.float64)
+    except (TypeError, ValueError, IndexError, KeyError, OverflowError) as error:
+        raise FileMalformed(f"A point in {where} is not a pair of numbers.") from error
+    if not np.isfinite(line).all():
+        raise NotFinite(f"A coordinate in {where} is not finite.")
+    if np.abs(line).max() > _FARTHEST:
+        raise FileMalformed(f"A coordinate in {where} is beyond {_FARTHEST:g} m.")
+    return line
+
+
+def _collection(features: list[dict[str, Any]], frame: str, unit: Unit) -> dict[str, Any]:
+    return {"type": "FeatureCollection", "frame": frame, "unit": unit, "features": features}
+
+
+def _rounded(line: NDArray[np.float64]) -> list[list[float]]:
+    rows: list[list[float]] = (np.round(line, _DECIMALS) + 0.0).tolist()
+    return rows
+
+
+def _wall(wall: Wall, unit: Unit) -> dict[str, Any]:
+    return {
+        "type": "Feature",
+        "geometry": {"type": "LineString", "coordinates": _rounded(wall.centre)},
+        "properties": {
+            "kind": wall.kind,
+            f"thickness_{unit}": round(wall.thickness, _DECIMALS),
+            "faces": [_rounded(face) for face in wall.faces],
+        },
+    }
+
+
+def _column(column: Column) -> dict[str, Any]:
+    ring = np.vstack([column.outline, column.outline[:1]])
+    geometry = {"type": "Polygon", "coordinates": [_rounded(ring)]}
+    return {"type": "Feature", "geometry": geometry, "properties": {"kind": column.kind}}
+
+
+def _removed(stroke: RemovedStroke) -> dict[str, Any]:
+    geometry = {"type": "MultiLineString", "coordinates": [_rounded(line) for line in stroke.lines]}
+    properties = {"layer": stroke.layer, "reason": stroke.reason}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def _picture(path: Path, reading: Reading) -> None:
+    drawn = [
+        preview.Drawn(preview.REMOVED, lines=tuple(line for r in reading.removed for line in r.lines)),
+        *_drawn_walls(reading.walls, reading.columns),
+    ]
+    preview.write_preview(path, drawn, low=(0.0, 0.0), high=reading.sheet, unit=reading.unit)
+
+
+def _drawn_walls(walls: Sequence[Wall], columns: Sequence[Column]) -> list[preview.Drawn]:
+    solid = tuple(f for w in walls if w.kind == "wall" for f in w.faces)
+    thin = tuple(w.centre for w in walls if w.kind != "wall")
+    outlines = tuple(np.vstack([c.outline, c.outline[:1]]) for c in columns)
+    return [
+        preview.Drawn(preview.PARTITION, lines=thin, width=2),
+        preview.Drawn(preview.COLUMN, lines=outlines, width=2),
+        preview.Drawn(preview.WALL, lines=solid, width=2),
+    ]
+
+
+def _summary(reading: Reading, scale: dict[str, Any]) -> dict[str, Any]:
+    removed: dict[str, int] = {}
+    for stroke in reading.removed:
+        removed[stroke.layer] = removed.get(stroke.layer, 0) + 1
+    return {
+        "frame": "drawing",
+        "unit": reading.unit,
+        "scale": scale,
+        "sheet": [round(v, _DECIMALS) for v in reading.sheet],
+        "drawing_origin": [0.0, 0.0],
+        "style": reading.style,
+        "counts": {
+            "walls": len(reading.walls),
+            "columns": len(reading.columns),
+            f"wall_length_{reading.unit}": round(sum(w.length for w in reading.walls), 2),
+            "removed": removed,
+            **reading.counts,
+        },
+        "findings": [f.to_json() for f in reading.findings],
+    }

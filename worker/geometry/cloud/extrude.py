@@ -1,0 +1,182 @@
+"""Walls to a point cloud: stacking to the wall height, floor and ceiling (paper, section 2.2, step 3, and 4.4)."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy import ndimage
+
+from service.domain.errors import TooManyPoints
+from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.cloud.voxel_grid import inside_voxels, voxel_grid_filter, voxel_index
+from worker.geometry.drawing.reading import Column, Wall
+
+_JITTER = 0.01
+_SAMPLES_A_VOXEL = 8
+_LEVEL_SLACK = 1.001
+_MIN_STEP = 0.002
+_FOOTPRINT_CELL = 0.1
+_DOOR_HALF_WIDTH = 1.0
+
+
+def wall_columns(walls: Sequence[Wall], columns: Sequence[Column], voxel_size: float) -> NDArray[np.float64]:
+    """Return the 2-D map: (M, 2) points [m] on the faces of the walls, one a square cell of edge `voxel_size`.
+
+    A LiDAR sees faces, not centre lines: both faces of each wall are sampled, finely, and in each cell the sample
+    nearest to its centre stays. So every point lies on a face, also where a cell holds both faces of a wall.
+    """
+    step = max(voxel_size / _SAMPLES_A_VOXEL, _MIN_STEP)
+    lines = [face for wall in walls for face in wall.faces]
+    lines += [np.vstack([c.outline, c.outline[:1]]) for c in columns]
+    if not lines:
+        return np.zeros((0, 2))
+    return voxel_grid_filter(
+        np.vstack([sample_polyline(line, step) for line in lines]), voxel_size, keep="nearest-to-centre"
+    )
+
+
+def sample_polyline(line: NDArray[np.float64], step: float) -> NDArray[np.float64]:
+    """Return (N, 2) points on the (K, 2) line, corners included, at most `step` apart [m]."""
+    length = np.hypot(*np.diff(line, axis=0).T)
+    pieces = [line[:1]]
+    for a, b, d in zip(line[:-1], line[1:], length, strict=True):
+        n = max(1, math.ceil(d / step))
+        pieces.append(a + (b - a) * (np.arange(1, n + 1) / n)[:, None])
+    return np.vstack(pieces)
+
+
+def levels(wall_height: float, voxel_size: float) -> NDArray[np.float64]:
+    """Return the heights [m] of a stack: from exactly 0 to exactly `wall_height`, evenly, over one voxel apart.
+
+    The spacing is the smallest one above the voxel's edge, so two levels never share a voxel, whichever way
+    a reader rounds a level that falls on a border. A wall lower than a voxel has the two levels all the same.
+    """
+    n = max(1, math.floor(wall_height / (_LEVEL_SLACK * voxel_size)))
+    return np.linspace(0.0, wall_height, n + 1)
+
+
+def extrude(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float) -> PointCloud:
+    """Return the 2-D map stacked to the wall height, labelled `Label.WALL`.
+
+    Each point is moved by up to 1 cm within its own voxel, horizontally, by a hash of its voxel: perfectly flat
+    walls have a singular covariance and are dropped by PCL >= 1.12's NDT. The same input gives the same points.
+
+    Parameters
+    ----------
+    xy : ndarray of shape (M, 2), float64
+        One point a cell, in frame `map` [m].
+    wall_height, voxel_size : float
+        [m].
+
+    Returns
+    -------
+    PointCloud
+        min z is 0 and max z is `wall_height` to float32; no voxel holds two points.
+    """
+    z = levels(wall_height, voxel_size)
+    cell = voxel_index(xy, voxel_size)
+    if wall_height <= _LEVEL_SLACK * voxel_size:  # one voxel high: cells take turns at foot and top
+        height = z[(cell.sum(axis=1) + cell.sum(axis=1).min(initial=0)) % 2]
+        points = np.column_stack([xy, height])
+        cells = cell
+        level = np.zeros(len(xy), dtype=np.int64)
+    else:
+        points = np.column_stack([np.repeat(xy, len(z), axis=0), np.tile(z, len(xy))])
+        cells = np.repeat(cell, len(z), axis=0)
+        level = np.tile(np.arange(len(z)), len(xy))
+    moved = points[:, :2] + _jitter(cells, level, voxel_size)
+    points[:, :2] = inside_voxels(moved, cells, voxel_size)
+    points[:, 2] = points[:, 2].astype(np.float32)
+    return PointCloud.of(points, Label.WALL)
+
+
+def planes(
+    xy: NDArray[np.float64], *, wall_height: float, voxel_size: float, floor: bool, ceiling: bool
+) -> list[PointCloud]:
+    """Return floor and ceiling over the building's footprint, where no wall stands.
+
+    One point a cell, up to 1 cm above z = 0 and below the wall height (never outside: the extent stays the wall
+    height), by the same hash as the walls'. Where the walls are no higher than a voxel the two planes share cells in turn.
+    """
+    if not len(xy) or not (floor or ceiling):
+        return []
+    free = _free_cells(xy, voxel_size)
+    centre = inside_voxels((free + 0.5) * voxel_size, free, voxel_size)
+    rise = np.abs(_jitter(free, np.full(len(free), -1), voxel_size)[:, 0])
+    rise = np.minimum(rise, wall_height / 4)
+    in_turn = wall_height <= _LEVEL_SLACK * voxel_size and floor and ceiling
+    out = []
+    for wanted, label, z, turn in (
+        (ceiling, Label.CEILING, np.float32(wall_height) - rise, 1),
+        (floor, Label.FLOOR, rise, 0),
+    ):
+        if wanted:
+            mine = free.sum(axis=1) % 2 == turn if in_turn else np.full(len(free), fill_value=True)
+            points = np.column_stack([centre, z])[mine]
+            points[:, 2] = np.minimum(points[:, 2].astype(np.float32), np.float32(wall_height))
+            out.append(PointCloud.of(points, label))
+    return out
+
+
+def footprint(xy: NDArray[np.float64], cell: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
+    """Return which cells lie inside the building, and the (2,) lower left corner [m] of cell [0, 0].
+
+    Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. The mask is indexed
+    [ix, iy]. Rooms whose walls are not drawn stay outside.
+    """
+    reach = math.ceil(_DOOR_HALF_WIDTH / cell)
+    index = voxel_index(xy, cell)
+    low = index.min(axis=0) - reach - 1
+    shape = tuple(index.max(axis=0) - low + reach + 2)
+    wall = np.zeros(shape, dtype=bool)
+    wall[tuple((index - low).T)] = True
+    near = ndimage.distance_transform_edt(~wall) <= reach
+    filled = ndimage.binary_fill_holes(near)
+    inside = ndimage.distance_transform_edt(filled) > reach
+    return inside | wall, low * cell
+
+
+def check_size(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float, max_points: int) -> None:
+    """Refuse a map of more points than `max_points`, before it is made.
+
+    Raises
+    ------
+    TooManyPoints
+        With the number that the map would have.
+    """
+    count = len(xy) * len(levels(wall_height, voxel_size))
+    if count > max_points:
+        raise TooManyPoints(
+            f"With voxels of {voxel_size} m the map would have {count} points; at most {max_points} are made. "
+            "Choose a larger voxel size.",
+            max_points=max_points,
+        )
+
+
+def _free_cells(xy: NDArray[np.float64], voxel_size: float) -> NDArray[np.int64]:
+    inside, corner = footprint(xy, _FOOTPRINT_CELL)
+    index = voxel_index(xy, voxel_size)
+    low, high = index.min(axis=0), index.max(axis=0)
+    ix, iy = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1), indexing="ij")
+    cells = np.column_stack([ix.ravel(), iy.ravel()])
+    at = voxel_index((cells + 0.5) * voxel_size - corner, _FOOTPRINT_CELL)
+    at = np.clip(at, 0, np.array(inside.shape) - 1)
+    taken = np.zeros(ix.shape, dtype=bool)
+    taken[tuple((index - low).T)] = True
+    return cells[inside[tuple(at.T)] & ~taken.ravel()]
+
+
+def _jitter(cell: NDArray[np.int64], level: NDArray[np.int64], voxel_size: float) -> NDArray[np.float64]:
+    """Return (N, 2) offsets of at most 1 cm (and a quarter voxel) in length, by a hash of the voxel (splitmix64)."""
+    with np.errstate(over="ignore"):
+        h = cell[:, 0].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
+        h ^= cell[:, 1].astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)
+        h ^= level.astype(np.uint64) * np.uint64(0x165667B19E3779F9)
+        h = (h ^ (h >> np.uint64(30))) * np.uint64(0xBF58476D1CE4E5B9)
+        h = (h ^ (h >> np.uint64(27))) * np.uint64(0x94D049BB133111EB)
+        h ^= h >> np.uint64(31)
+    u = np.column_stack([h >> np.uint64(32), h & np.uint64(0xFFFFFFFF)]).astype(np.float64) / 2**32
+    return (2 * u - 1) * (min(_JITTER, voxel_size / 4) / math.sqrt(2))

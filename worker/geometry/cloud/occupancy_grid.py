@@ -1,0 +1,75 @@
+"""Walls and layers to a 2-D occupancy grid for planners."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.geometry.cloud.extrude import footprint, sample_polyline
+from worker.geometry.cloud.merge import PlacedLayer
+from worker.geometry.cloud.voxel_grid import voxel_index
+from worker.geometry.drawing.reading import Column, Wall
+
+OCCUPIED, UNKNOWN, FREE = 0, 205, 254
+_BORDER_CELLS = 10
+_LOWEST, _HIGHEST = 0.1, 2.0
+
+
+@dataclass(frozen=True, eq=False)
+class OccupancyGrid:
+    """Hold grey cells as ROS ``map_server`` saves them: 0 occupied, 205 unknown, 254 free.
+
+    Parameters
+    ----------
+    cells : ndarray of shape (H, W), uint8
+        Row 0 is the largest y.
+    origin : tuple of float
+        Lower left corner of the lower left cell in frame `map` [m].
+    resolution : float
+        Edge of a cell [m].
+    """
+
+    cells: NDArray[np.uint8]
+    origin: tuple[float, float]
+    resolution: float
+
+
+def occupancy_grid(
+    walls: Sequence[Wall], columns: Sequence[Column] = (), *, layers: Sequence[PlacedLayer] = (), resolution: float
+) -> OccupancyGrid:
+    """Return the grid of what a robot on the floor meets, in frame `map`.
+
+    Occupied: wall bodies with their faces, columns, and layer points between 0.1 and 2.0 m above the floor. Free: what the
+    walls enclose, gaps of up to two metres counted as doors. The rest is unknown: the drawing does not tell.
+    """
+    points = [_body(w, resolution) for w in walls]
+    points += [sample_polyline(np.vstack([c.outline, c.outline[:1]]), resolution / 2) for c in columns]
+    solid = np.vstack(points)
+    stands = [x.cloud.points for x in layers]
+    stands = [p[(p[:, 2] > _LOWEST) & (p[:, 2] < _HIGHEST), :2] for p in stands]
+    occupied = np.vstack([solid, *stands])
+    index = voxel_index(occupied, resolution)
+    low, high = index.min(axis=0) - _BORDER_CELLS, index.max(axis=0) + _BORDER_CELLS
+    grid = np.full(high - low + 1, UNKNOWN, dtype=np.uint8)
+    inside, corner = footprint(solid, resolution)
+    start = np.rint(corner / resolution).astype(np.int64) - low
+    ix, iy = np.nonzero(inside)
+    ix, iy = ix + start[0], iy + start[1]
+    kept = (ix >= 0) & (iy >= 0) & (ix < grid.shape[0]) & (iy < grid.shape[1])
+    grid[ix[kept], iy[kept]] = FREE
+    grid[tuple((index - low).T)] = OCCUPIED
+    origin = low * resolution
+    return OccupancyGrid(grid.T[::-1].copy(), (float(origin[0]), float(origin[1])), resolution)
+
+
+def _body(wall: Wall, resolution: float) -> NDArray[np.float64]:
+    """Return samples of a wall from face to face, dense enough to leave no hole in the grid."""
+    step = resolution / 2
+    across = max(2, int(np.ceil(wall.thickness / step)) + 1)
+    if wall.faces[0].shape != wall.faces[1].shape:
+        return np.vstack([sample_polyline(f, step) for f in (wall.centre, *wall.faces)])
+    share = np.linspace(0.0, 1.0, across)
+    return np.vstack([sample_polyline(wall.faces[0] * (1 - s) + wall.faces[1] * s, step) for s in share])

@@ -1,0 +1,136 @@
+"""Parallel strokes at a wall's thickness, and regular patterns of parallel strokes (stairs, planks, tiles)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import cKDTree
+
+from worker.geometry.drawing.strokes import Strokes
+
+THINNEST, THICKEST = 0.05, 0.5
+_STEP = 0.05
+_PARALLEL_SINE = np.sin(np.radians(4.0))
+_SAME_PLACE = 0.04
+
+
+@dataclass(frozen=True, eq=False)
+class Pairs:
+    """Hold P pairs of neighbouring parallel strokes.
+
+    Parameters
+    ----------
+    first, second : ndarray of shape (P,), int
+        Indices of strokes; first < second.
+    spacing : ndarray of shape (P,)
+        Median distance between the two [m].
+    overlap : ndarray of shape (P,)
+        Length along which they run side by side, nothing parallel between them [m].
+    """
+
+    first: NDArray[np.int64]
+    second: NDArray[np.int64]
+    spacing: NDArray[np.float64]
+    overlap: NDArray[np.float64]
+
+
+def find_pairs(strokes: Strokes, metres_per_px: float) -> Pairs:
+    """Return which strokes run parallel within 4 degrees, 5 to 50 cm apart, next to each other.
+
+    Notes
+    -----
+    Each stroke is sampled every 5 cm; a sample looks for the nearest sample of a parallel stroke on each of its sides.
+    """
+    xy, owner, direction = _samples(strokes, metres_per_px)
+    if not len(xy):
+        none = np.zeros(0, dtype=np.int64)
+        return Pairs(none, none, np.zeros(0), np.zeros(0))
+    near = cKDTree(xy).query_pairs(THICKEST + _STEP, output_type="ndarray")
+    a, b = near.T
+    a, b = np.concatenate([a, b]), np.concatenate([b, a])
+    keep = owner[a] != owner[b]
+    a, b = a[keep], b[keep]
+    gap = xy[b] - xy[a]
+    along = np.abs((gap * direction[a]).sum(axis=1))
+    across = direction[a, 0] * gap[:, 1] - direction[a, 1] * gap[:, 0]
+    sine = np.abs(direction[a, 0] * direction[b, 1] - direction[a, 1] * direction[b, 0])
+    keep = (sine < _PARALLEL_SINE) & (along <= _STEP * 0.75) & (np.abs(across) >= THINNEST * 0.8)
+    a, b, across = a[keep], b[keep], across[keep]
+    side = 2 * a + (across > 0)
+    order = np.lexsort((np.abs(across), side))
+    nearest = order[np.append(True, np.diff(side[order]) != 0)] if len(order) else order
+    return _counted(owner[a[nearest]], owner[b[nearest]], np.abs(across[nearest]), len(strokes))
+
+
+def _samples(
+    strokes: Strokes, metres_per_px: float
+) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
+    length = strokes.length * metres_per_px
+    count = np.maximum(1, np.ceil(length / _STEP)).astype(np.int64)
+    owner = np.repeat(np.arange(len(strokes)), count)
+    first = np.repeat(np.cumsum(count) - count, count)
+    share = (np.arange(len(owner)) - first + 0.5) / count[owner]
+    start, end = strokes.ends[owner, 0], strokes.ends[owner, 1]
+    return (start + (end - start) * share[:, None]) * metres_per_px, owner, strokes.direction[owner]
+
+
+def _counted(
+    a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64], count: int
+) -> Pairs:
+    low, high = np.minimum(a, b), np.maximum(a, b)
+    key = low * count + high
+    order = np.lexsort((distance, key))
+    unique, start, n = np.unique(key[order], return_index=True, return_counts=True)
+    spacing = distance[order][start + n // 2]
+    wanted = (spacing >= THINNEST) & (spacing <= THICKEST)
+    return Pairs(
+        (unique // count)[wanted], (unique % count)[wanted], spacing[wanted], (n * _STEP / 2)[wanted]
+    )
+
+
+def regular_patterns(strokes: Strokes, pairs: Pairs, *, least_members: int = 5) -> NDArray[np.bool_]:
+    """Return which strokes belong to a row of at least `least_members` parallels at one spacing and like length.
+
+    Stair treads, planks and tiles lie at wall spacing, but walls do not come in rows.
+    """
+    length = strokes.length
+    alike = np.minimum(length[pairs.first], length[pairs.second]) >= 0.6 * np.maximum(
+        length[pairs.first], length[pairs.second]
+    )
+    first, second, spacing = pairs.first[alike], pairs.second[alike], pairs.spacing[alike]
+    neighbours: dict[int, list[tuple[int, float]]] = {}
+    for i, j, d in zip(first.tolist(), second.tolist(), spacing.tolist(), strict=True):
+        neighbours.setdefault(i, []).append((j, d))
+        neighbours.setdefault(j, []).append((i, d))
+    parent = list(range(len(pairs.first)))
+    index = {}
+    for k, (i, j) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        index[i, j] = index[j, i] = k
+
+    def root(k: int) -> int:
+        while parent[k] != k:
+            parent[k] = parent[parent[k]]
+            k = parent[k]
+        return k
+
+    for i, links in neighbours.items():
+        for n, (j, d) in enumerate(links):
+            for m, e in links[n + 1 :]:
+                if abs(d - e) <= max(0.02, 0.12 * d) and not _same_side(strokes, i, j, m):
+                    parent[root(index[i, j])] = root(index[i, m])
+    rows: dict[int, set[int]] = {}
+    for k, (i, j) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+        rows.setdefault(root(k), set()).update((i, j))
+    out = np.zeros(len(strokes), dtype=bool)
+    for members in rows.values():
+        if len(members) >= least_members:
+            out[list(members)] = True
+    return out
+
+
+def _same_side(strokes: Strokes, i: int, j: int, m: int) -> bool:
+    middle = strokes.ends.mean(axis=1)
+    normal = strokes.direction[i][::-1] * np.array([-1.0, 1.0])
+    return bool(((middle[j] - middle[i]) @ normal) * ((middle[m] - middle[i]) @ normal) > 0)

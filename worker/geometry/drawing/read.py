@@ -1,0 +1,195 @@
+"""A raster drawing to its walls (paper, section 2.2, steps 1 and 2)."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.domain.errors import NoWallsFound
+from service.domain.findings import Finding
+from worker.geometry.drawing import cleanup
+from worker.geometry.drawing.ink import Ink, find_ink
+from worker.geometry.drawing.pairs import find_pairs, regular_patterns
+from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
+from worker.geometry.drawing.strokes import Strokes, find_strokes
+from worker.geometry.drawing.walls import filled_walls, outlined_walls, single_walls, thick_mask
+
+Progress = Callable[[str, float], None]
+
+_ASSUMED_EXTENT = 30.0
+_FILLED_SHARE = 0.3
+_REASONS = {
+    "speck": "free-standing and smaller than 12 cm",
+    "text": "free-standing and smaller than 70 cm: a letter, a number or a symbol",
+    "symbol": "free-standing and smaller than 2.4 m, and not in the shape of a wall",
+    "dashed": "one of a row of free bars: a dashed line",
+    "pattern": "one of at least five parallels at one spacing: stairs, planks or tiles",
+    "light-pen": "drawn with a clearly lighter pen than the walls",
+    "thin": "thin, in a drawing whose walls are filled",
+    "loose": "neither one of two wall faces nor a long line that leads to a wall",
+}
+
+
+def read_raster(
+    grey: NDArray[np.uint8], *, metres_per_px: float | None, progress: Progress | None = None
+) -> Reading:
+    """Return the walls of a sheet, and everything that was set aside with its reason.
+
+    A first honest cleaning: what is no wall is told by size, pen weight, dashes, regular rows, parallel faces and
+    connection. Curved single-line walls and walls of a lighter pen than others may be set aside; furniture drawn with the
+    walls' pen and joined to them may stay.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (H, W), uint8
+        255 is bare paper; row 0 is the top.
+    metres_per_px : float or None
+        Scale. While it is unknown, sizes are judged as if the drawn extent were 30 m, which a finding says, and
+        coordinates are pixels.
+    progress : callable, optional
+        Told the stage and the share done; what it raises ends the work.
+
+    Returns
+    -------
+    Reading
+        In frame `drawing`: x right, y up, origin at the sheet's lower left.
+
+    Raises
+    ------
+    NoWallsFound
+        If nothing on the sheet looks like a wall.
+    ValueError
+        If the scale is not positive.
+    """
+    if metres_per_px is not None and not metres_per_px > 0:
+        msg = f"a scale is positive, not {metres_per_px} metres a pixel"
+        raise ValueError(msg)
+    tell = progress or (lambda _stage, _share: None)
+    tell("ink", 0.05)
+    scale = metres_per_px or _ASSUMED_EXTENT / max(grey.shape)
+    ink = find_ink(grey, scale)
+    tell("strokes", 0.2)
+    strokes = find_strokes(ink, ink.mask)
+    if not len(strokes):
+        raise NoWallsFound("The sheet is blank: nothing on it is darker than its paper.")
+    tell("cleanup", 0.55)
+    walls, columns, removed, style = _sort_out(ink, strokes, tell)
+    if not walls:
+        raise NoWallsFound(
+            f"None of the {len(strokes)} strokes on the sheet looks like a wall. Check the scale: "
+            f"at {scale:.5g} m a pixel the sheet is {grey.shape[1] * scale:.1f} x {grey.shape[0] * scale:.1f} m."
+        )
+    size = (grey.shape[1] * scale, grey.shape[0] * scale)
+    reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, ())
+    tell("walls", 0.95)
+    return reading if metres_per_px is not None else _in_pixels(reading, scale)
+
+
+def _sort_out(
+    ink: Ink, strokes: Strokes, tell: Progress
+) -> tuple[list[Wall], list[Column], list[RemovedStroke], str]:
+    m = ink.metres_per_px
+    layer = np.full(len(strokes), "", dtype="<U12")
+    parts = cleanup.measure_parts(ink.mask, m)
+    small = cleanup.small_parts(strokes, parts, m)
+
+    def put(name: str, which: NDArray[np.bool_]) -> None:
+        layer[which & (layer == "")] = name
+
+    put("speck", small["speck"])
+    put("dashed", cleanup.dashed(strokes, parts, m))
+    free = ink.mask & ~_painted(ink, strokes, layer != "")
+    thick = thick_mask(Ink(free, ink.contrast, ink.reduction, m, ink.sheet_height), _line_width(strokes, m))
+    bars, columns = filled_walls(ink, thick)
+    put("text", small["text"])
+    put("symbol", small["symbol"])
+    tell("pairs", 0.7)
+    pairs = find_pairs(strokes.take(layer == ""), m)
+    kept_index = np.flatnonzero(layer == "")
+    pairs = type(pairs)(kept_index[pairs.first], kept_index[pairs.second], pairs.spacing, pairs.overlap)
+    put("pattern", regular_patterns(strokes, pairs))
+    pen = cleanup.wall_pen(strokes, pairs, layer == "", m)
+    put("light-pen", cleanup.light_pen(strokes, pen))
+    candidates = layer == ""
+    in_thick = _mostly_in(strokes, thick)
+    bar_length = sum(w.length for w in bars)
+    if bar_length >= _FILLED_SHARE * float(strokes.length[candidates].sum() * m):
+        put("thin", ~in_thick)
+        walls, style = bars, "filled"
+    else:
+        candidates &= ~in_thick
+        outlined, share = outlined_walls(ink, strokes, pairs, candidates)
+        singles = single_walls(ink, strokes, candidates, share > 0.3)
+        alone = singles & (share < 0.5)
+        lines = [
+            Wall.of(ink.to_drawing(strokes.ends[i]), thickness=float(strokes.width[i] * m), kind="partition")
+            for i in np.flatnonzero(alone)
+        ]
+        put("loose", candidates & (share < 0.3) & ~alone)
+        walls = bars + outlined + lines
+        style = "outlined" if sum(w.length for w in outlined) > sum(w.length for w in lines) else "single-line"
+    return walls, columns, _removed(ink, strokes, layer), style
+
+
+def _painted(ink: Ink, strokes: Strokes, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the ink of the parts that the chosen strokes belong to."""
+    import cv2  # noqa: PLC0415
+
+    count, labels = cv2.connectedComponents(ink.mask.astype(np.uint8), connectivity=8)
+    chosen = np.zeros(count, dtype=bool)
+    chosen[strokes.part[which]] = True
+    return np.asarray(chosen[labels], dtype=np.bool_)
+
+
+def _line_width(strokes: Strokes, m: float) -> float:
+    order = np.argsort(strokes.width, kind="stable")
+    share = np.cumsum(strokes.length[order]) / max(float(strokes.length.sum()), 1e-9)
+    return float(strokes.width[order[min(np.searchsorted(share, 0.2), len(order) - 1)]] * m)
+
+
+def _mostly_in(strokes: Strokes, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return which strokes run with at least half of nine sample points inside the mask."""
+    share = np.linspace(0.0, 1.0, 9)
+    xy = strokes.ends[:, :1] + (strokes.ends[:, 1:] - strokes.ends[:, :1]) * share[None, :, None]
+    columns = np.clip(np.rint(xy[..., 0]).astype(int), 0, mask.shape[1] - 1)
+    rows = np.clip(np.rint(xy[..., 1]).astype(int), 0, mask.shape[0] - 1)
+    return np.asarray(mask[rows, columns].mean(axis=1) >= 0.5, dtype=np.bool_)
+
+
+def _removed(ink: Ink, strokes: Strokes, layer: NDArray[np.str_]) -> list[RemovedStroke]:
+    """Return what was set aside: one feature a layer and connected part."""
+    out = []
+    gone = np.flatnonzero(layer != "")
+    order = gone[np.lexsort((strokes.part[gone], layer[gone]))]
+    if not len(order):
+        return []
+    change = (layer[order][1:] != layer[order][:-1]) | (np.diff(strokes.part[order]) != 0)
+    for group in np.split(order, np.flatnonzero(change) + 1):
+        name = str(layer[group[0]])
+        lines = tuple(ink.to_drawing(strokes.ends[i]) for i in group)
+        out.append(RemovedStroke(lines, name, _REASONS[name]))
+    return out
+
+
+def _in_pixels(reading: Reading, scale: float) -> Reading:
+    """Return the reading in pixels of the sheet, with a finding that says so."""
+    finding = Finding(
+        "scale-unknown",
+        "serious",
+        "The scale is not known: coordinates are pixels, and sizes were judged as if the longer side of the sheet "
+        f"were {_ASSUMED_EXTENT:g} m.",
+    )
+    return Reading(
+        tuple(
+            Wall(w.centre / scale, w.thickness / scale, (w.faces[0] / scale, w.faces[1] / scale), w.kind)
+            for w in reading.walls
+        ),
+        tuple(Column(c.outline / scale, c.kind) for c in reading.columns),
+        tuple(RemovedStroke(tuple(x / scale for x in r.lines), r.layer, r.reason) for r in reading.removed),
+        (reading.sheet[0] / scale, reading.sheet[1] / scale),
+        None,
+        reading.style,
+        (*reading.findings, finding),
+    )
