@@ -1,0 +1,133 @@
+"""The NDT map: space cut into cubes, and a Gaussian of the target's points in each (Magnusson 2009, 6.1)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.geometry.registration.cells import cell_keys, key_table, neighbour_rows
+
+OUTLIER_RATIO = 0.55
+LEAST_POINTS = 6
+_LEAST_EIGENVALUE_SHARE = 0.01
+_FLATTEST = 1e-12
+
+
+@dataclass(frozen=True, eq=False)
+class NdtMap:
+    """Hold C Gaussians and the table that finds those near a point.
+
+    Parameters
+    ----------
+    resolution : float
+        Edge of a cell, the ``ndt_resolution`` [m]. Cells are aligned to multiples of it.
+    means : ndarray of shape (C, 3), float64
+        Mean of each cell's points [m].
+    inverse_covariances : ndarray of shape (C, 6), float64
+        xx, xy, xz, yy, yz, zz of each inverse covariance [1/m^2].
+    normals : ndarray of shape (C, 3), float64
+        Direction in which each cell is thinnest.
+    table_keys, table_rows : ndarrays of shape (S,), int64
+        Open-addressed hash table from a cell's key to its row in `row_starts`; -1 where free.
+    row_starts : ndarray of shape (K + 1,), int64
+    row_cells : ndarray of shape (L,), int32
+        Row k lists ``row_cells[row_starts[k]:row_starts[k + 1]]``: Gaussians in the 27 cells around.
+    """
+
+    resolution: float
+    means: NDArray[np.float64]
+    inverse_covariances: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    table_keys: NDArray[np.int64]
+    table_rows: NDArray[np.int64]
+    row_starts: NDArray[np.int64]
+    row_cells: NDArray[np.int32]
+
+    def __len__(self) -> int:
+        return len(self.means)
+
+    @property
+    def gauss(self) -> tuple[float, float]:
+        """Return d1 and d2 of the mixture of a Gaussian and outliers (Magnusson 2009, equation 6.8)."""
+        return gauss_constants(self.resolution)
+
+
+def gauss_constants(resolution: float, *, outlier_ratio: float = OUTLIER_RATIO) -> tuple[float, float]:
+    """Return d1 (negative) and d2 of equation 6.8 of Magnusson 2009.
+
+    Parameters
+    ----------
+    resolution : float
+        Edge of a cell [m].
+    outlier_ratio : float
+        Share of points expected to belong to nothing in the map; PCL's default is 0.55.
+    """
+    c1 = 10.0 * (1.0 - outlier_ratio)
+    c2 = outlier_ratio / resolution**3
+    d3 = -math.log(c2)
+    d1 = -math.log(c1 + c2) - d3
+    d2 = -2.0 * math.log((-math.log(c1 * math.exp(-0.5) + c2) - d3) / d1)
+    return d1, d2
+
+
+def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
+    """Return the NDT map of a point cloud; it may have no cell if the points are too few.
+
+    Parameters
+    ----------
+    points : ndarray of shape (M, 3), float64
+        The target [m].
+    resolution : float
+        Edge of a cell [m].
+
+    Raises
+    ------
+    ValueError
+        If the resolution is not positive, or the points reach farther than 2^20 cells from the origin.
+
+    Notes
+    -----
+    O(M log M). Covariance exact, over n - 1, as PCL from 1.12 on; cells of fewer than 6 points are left
+    out as there. A cell flatter than 1:100 is thickened to that (equation 6.11), and one without any
+    extent in two directions is left out. Unlike PCL, a perfectly flat cell is kept.
+    """
+    if not (math.isfinite(resolution) and resolution > 0.0):
+        msg = f"a cell's edge is positive, not {resolution}"
+        raise ValueError(msg)
+    keys = cell_keys(points, resolution)
+    order = np.argsort(keys, kind="stable")
+    occupied, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
+    means, covariances = _moments(points[order], starts, counts)
+    kept = counts >= LEAST_POINTS
+    values, vectors = np.linalg.eigh(covariances[kept])
+    solid = values[:, 2] > _FLATTEST
+    values, vectors = values[solid], vectors[solid]
+    values = np.maximum(values, _LEAST_EIGENVALUE_SHARE * values[:, 2:])  # equation 6.11
+    inverse = np.einsum("nij,nj,nkj->nik", vectors, 1.0 / values, vectors)
+    packed = inverse[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
+    row_keys, row_starts, row_cells = neighbour_rows(occupied[kept][solid])
+    table_keys, table_rows = key_table(row_keys)
+    return NdtMap(
+        resolution, np.ascontiguousarray(means[kept][solid]), np.ascontiguousarray(packed),
+        np.ascontiguousarray(vectors[:, :, 0]), table_keys, table_rows, row_starts, row_cells,
+    )  # fmt: skip
+
+
+def _moments(
+    points: NDArray[np.float64], starts: NDArray[np.intp], counts: NDArray[np.intp]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return mean and covariance of each run of points; the covariance of a single point is 0."""
+    if len(starts) == 0:
+        return np.zeros((0, 3)), np.zeros((0, 3, 3))
+    n = counts.astype(np.float64)
+    means = np.add.reduceat(points, starts, axis=0) / n[:, None]
+    centred = points - np.repeat(means, counts, axis=0)
+    covariances = np.zeros((len(starts), 3, 3))
+    for i in range(3):
+        for j in range(i, 3):
+            product = np.add.reduceat(centred[:, i] * centred[:, j], starts)
+            covariances[:, i, j] = covariances[:, j, i] = product / np.maximum(n - 1.0, 1.0)
+    return means, covariances
