@@ -14,8 +14,11 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
+from starlette.routing import Match
 
 from service.domain.errors import (
+    ChecksumMismatch,
+    ChecksumUnsupported,
     Conflict,
     DatabaseBusy,
     DomainError,
@@ -24,10 +27,14 @@ from service.domain.errors import (
     NotFound,
     PointerMoved,
     Rejected,
+    TusVersionUnsupported,
     Unauthenticated,
     Unavailable,
     Unfulfilled,
     UnsupportedMedia,
+    UploadBusy,
+    UploadExpired,
+    UploadInterrupted,
     UploadTooLarge,
 )
 
@@ -39,10 +46,16 @@ STATUSES: Mapping[type[DomainError], int] = {
     Unauthenticated: 401,
     Forbidden: 403,
     NotFound: 404,
+    UploadExpired: 410,
+    UploadBusy: 423,
     PointerMoved: 412,
     Conflict: 409,
     UploadTooLarge: 413,
     UnsupportedMedia: 415,
+    UploadInterrupted: 408,
+    ChecksumMismatch: 460,
+    ChecksumUnsupported: 400,
+    TusVersionUnsupported: 412,
     Rejected: 422,
     Unavailable: 503,
 }
@@ -165,6 +178,9 @@ async def _on_http(request: Request, error: Exception) -> Response:
         404: f"There is nothing at {request.url.path}.",
         405: f"{request.url.path} does not take {request.method}; `Allow` lists what it takes.",
     }.get(error.status_code, str(error.detail))
+    headers = dict(error.headers or {})
+    if error.status_code == 405:
+        headers["Allow"] = ", ".join(sorted(_methods_at(request)))
     titles = {404: "Not Found", 405: "Method Not Allowed"}
     body = {
         "type": "about:blank",
@@ -172,7 +188,17 @@ async def _on_http(request: Request, error: Exception) -> Response:
         "status": error.status_code,
         "detail": sentence,
     }
-    return _problem(body, status=error.status_code, headers=error.headers)
+    return _problem(body, status=error.status_code, headers=headers)
+
+
+def _methods_at(request: Request) -> set[str]:
+    """Return every method that some route takes at the path: one route alone knows only its own."""
+    methods: set[str] = set()
+    for route in request.app.routes:
+        match, _ = route.matches(request.scope)
+        if match is not Match.NONE:
+            methods |= getattr(route, "methods", None) or set()
+    return methods
 
 
 async def _on_defect(request: Request, error: Exception) -> Response:
