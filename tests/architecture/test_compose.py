@@ -1,0 +1,231 @@
+"""The compose file and the images: each process's very command, environment and health check, run natively.
+
+There is no engine here. What the file says is started on this machine, against a real PostgreSQL, with
+only the hosts, ports and folders put in their place.
+"""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import pytest
+import yaml
+
+from tests.architecture.sources import ROOT
+
+FILE = ROOT / "docker-compose.yml"
+PROCESSES = ("migrate", "service", "worker")
+DATA_DIR = "/var/lib/groundplan"
+EVERYWHERE = "0.0.0.0"  # noqa: S104 - inside a container
+VARIABLE = re.compile(r"\$\{(\w+):-([^}]*)\}")
+START_S = 60.0
+EXTRA = ("scipy", "open3d", "numba", "cv2", "skimage", "PIL", "plyfile", "pypcd4", "shapely", "lzf")
+
+
+@pytest.fixture(scope="module")
+def compose() -> dict[str, Any]:
+    loaded: dict[str, Any] = yaml.safe_load(FILE.read_text())
+    return loaded
+
+
+@pytest.fixture
+def port() -> int:
+    with socket.socket() as probe:
+        probe.bind(("127.0.0.1", 0))
+        number: int = probe.getsockname()[1]
+        return number
+
+
+def _native(text: str, *, url: str, data_dir: Path, port: int) -> str:
+    """Return a string of the compose file with this machine's database, folder and port in it."""
+    text = VARIABLE.sub(r"\2", text)
+    if text.startswith("postgresql+psycopg://"):
+        return url
+    return text.replace(DATA_DIR, str(data_dir)).replace(EVERYWHERE, "127.0.0.1").replace("8000", str(port))
+
+
+class Natively:
+    """Run a process of the compose file on this machine."""
+
+    def __init__(self, compose: dict[str, Any], *, url: str, data_dir: Path, port: int) -> None:
+        self._services = compose["services"]
+        self._place = {"url": url, "data_dir": data_dir, "port": port}
+        self._data_dir = data_dir
+
+    def _words(self, words: list[str]) -> list[str]:
+        placed = [_native(word, **self._place) for word in words]
+        program = Path(sys.executable).parent / placed[0]
+        return [str(program), *placed[1:]]
+
+    def _environment(self, name: str) -> dict[str, str]:
+        said = {
+            key: _native(str(value), **self._place)
+            for key, value in self._services[name]["environment"].items()
+        }
+        kept = {key: os.environ[key] for key in ("PATH", "HOME", "LANG") if key in os.environ}
+        return {**kept, **said}
+
+    def run(self, name: str, **more: str) -> subprocess.CompletedProcess[str]:
+        """Run a one-shot process to its end."""
+        return subprocess.run(
+            self._words(self._services[name]["command"]),
+            cwd=self._data_dir,
+            env=self._environment(name) | more,
+            capture_output=True,
+            text=True,
+            timeout=START_S,
+            check=False,
+        )
+
+    def is_healthy(self, name: str) -> bool:
+        """Return what the process's health check says."""
+        kind, *words = self._services[name]["healthcheck"]["test"]
+        assert kind == "CMD"
+        done = subprocess.run(
+            self._words(words), env=self._environment(name), capture_output=True, timeout=START_S, check=False
+        )
+        return done.returncode == 0
+
+    @contextmanager
+    def running(self, name: str, **more: str) -> Iterator[subprocess.Popen[bytes]]:
+        """Run a process in the background; it is killed in the end if it still runs."""
+        log = self._data_dir / f"{name}.log"
+        with log.open("wb") as output:
+            process = subprocess.Popen(
+                self._words(self._services[name]["command"]),
+                cwd=self._data_dir,
+                env=self._environment(name) | more,
+                stdout=output,
+                stderr=subprocess.STDOUT,
+            )
+        try:
+            yield process
+        finally:
+            process.kill()
+            process.wait()
+
+
+def _until_healthy(natively: Natively, name: str, process: subprocess.Popen[bytes]) -> None:
+    deadline = time.monotonic() + START_S
+    while not natively.is_healthy(name):
+        assert process.poll() is None, f"{name} ended with {process.returncode}"
+        assert time.monotonic() < deadline, f"{name} did not become healthy"
+        time.sleep(0.2)
+
+
+def _stop(process: subprocess.Popen[bytes]) -> int:
+    process.send_signal(signal.SIGTERM)
+    return process.wait(timeout=START_S)
+
+
+@pytest.fixture
+def natively(compose: dict[str, Any], empty_postgres_url: str, tmp_path: Path, port: int) -> Natively:
+    return Natively(compose, url=empty_postgres_url, data_dir=tmp_path, port=port)
+
+
+def test_docker_compose_accepts_the_file() -> None:
+    program = shutil.which("docker-compose")
+    if program is None:
+        assert not os.environ.get("CI"), "docker-compose is not installed: run tools/setup --tests"
+        pytest.skip("docker-compose is not installed: run tools/setup --tests")
+    clean = {
+        key: value for key, value in os.environ.items() if not key.startswith(("POSTGRES", "GROUNDPLAN"))
+    }
+    done = subprocess.run(
+        [program, "-f", str(FILE), "config", "-q"],
+        cwd=ROOT,
+        env=clean,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert (done.returncode, done.stderr) == (0, "")
+
+
+def test_the_file_holds_no_secret_and_every_process_checks_its_health(compose: dict[str, Any]) -> None:
+    services = compose["services"]
+    assert set(services) == {"postgres", *PROCESSES}
+    assert services["postgres"]["environment"]["POSTGRES_PASSWORD"] == "${POSTGRES_PASSWORD:-}"  # noqa: S105
+    assert {name for name in services if "healthcheck" not in services[name]} == {"migrate"}
+    for name in ("service", "worker"):
+        assert services[name]["depends_on"]["migrate"]["condition"] == "service_completed_successfully"
+    assert "ports" not in services["worker"], "workers are many: none takes a port of the host"
+
+
+def test_every_variable_is_a_setting(compose: dict[str, Any]) -> None:
+    from service.settings import Settings  # noqa: PLC0415
+
+    known = {f"GROUNDPLAN_{name.upper()}" for name in Settings.model_fields}
+    for name in PROCESSES:
+        assert set(compose["services"][name]["environment"]) <= known
+
+
+@pytest.mark.postgres
+def test_the_schema_is_made_once_and_made_again_without_harm(natively: Natively) -> None:
+    for _ in range(2):
+        done = natively.run("migrate")
+        assert done.returncode == 0, done.stdout + done.stderr
+
+
+@pytest.mark.postgres
+def test_the_service_becomes_healthy_and_stops_when_told(natively: Natively) -> None:
+    assert natively.run("migrate").returncode == 0
+    assert not natively.is_healthy("service")
+    with natively.running("service") as process:
+        _until_healthy(natively, "service", process)
+        assert _stop(process) == 0
+
+
+@pytest.mark.postgres
+def test_two_workers_become_healthy_and_stop_when_told(natively: Natively) -> None:
+    assert natively.run("migrate").returncode == 0
+    with natively.running("worker") as first, natively.running("worker") as second:
+        for process in (first, second):
+            _until_healthy(natively, "worker", process)
+        assert [_stop(process) for process in (first, second)] == [0, 0]
+
+
+@pytest.mark.postgres
+def test_the_service_image_needs_nothing_of_the_workers_extra(natively: Natively, tmp_path: Path) -> None:
+    """Run migrate, serve and key where every package of the worker's extra is missing, as in the image."""
+    folder = tmp_path / "without-extra"
+    folder.mkdir()
+    (folder / "sitecustomize.py").write_text(
+        "import sys\n"
+        f"EXTRA = {EXTRA!r}\n"
+        "class Missing:\n"
+        "    def find_spec(self, name, path=None, target=None):\n"
+        "        if name.split('.')[0] in EXTRA:\n"
+        "            raise ModuleNotFoundError(f'No module named {name!r}', name=name)\n"
+        "sys.meta_path.insert(0, Missing())\n"
+    )
+    without = {"PYTHONPATH": str(folder)}
+    assert natively.run("migrate", **without).returncode == 0
+    with natively.running("service", **without) as process:
+        _until_healthy(natively, "service", process)
+        assert _stop(process) == 0
+
+
+@pytest.mark.parametrize("name", ["service", "worker"])
+def test_an_image_says_the_same_as_the_compose_file(compose: dict[str, Any], name: str) -> None:
+    lines = (ROOT / "docker" / f"{name}.Dockerfile").read_text().splitlines()
+    process = compose["services"][name]
+    commands = [line.removeprefix("CMD ") for line in lines if line.startswith("CMD ")]
+    assert [json.loads(command) for command in commands] == [process["command"]]
+    checks = [line.partition(" CMD ")[2] for line in lines if line.startswith("HEALTHCHECK ")]
+    assert [["CMD", *json.loads(check)] for check in checks] == [process["healthcheck"]["test"]]
+    assert [line for line in lines if line.startswith("USER ")] == ["USER groundplan"]
+    synced = [line for line in lines if "uv sync" in line]
+    assert all(("--extra worker" in line) == (name == "worker") and "--locked" in line for line in synced)
