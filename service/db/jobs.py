@@ -21,6 +21,7 @@ from service.domain.lifecycle import BACK_OFF_S, MAX_ATTEMPTS, JobKind, JobState
 
 QUEUE = "groundplan"
 TASK = "groundplan.run_job"
+_ON_ITS_WAY_S = 4.0
 
 
 class LeaseLost(Exception):
@@ -127,9 +128,29 @@ def claim(
     return Attempt(job.id, JobKind(job.kind), job.subject_id, job.map_id, job.attempt, token)
 
 
-def anything_due(session: Session, *, now: datetime) -> bool:
-    """Return whether `claim` would find a job; a cheap look that takes no lock."""
-    return session.scalar(select(Job.id).where(_due(_present(session, now))).limit(1)) is not None
+def next_due(session: Session, *, now: datetime) -> str | None:
+    """Return the job that `claim` would take; a cheap look that takes no lock."""
+    wanted = select(Job.id).where(_due(_present(session, now))).order_by(Job.run_after, Job.id)
+    return session.scalar(wanted.limit(1))
+
+
+def overdue(session: Session, *, now: datetime) -> list[str]:
+    """Return jobs that have been due for seconds, oldest first: their delivery or their worker is lost.
+
+    One that became due a moment ago is left to the delivery that is on its way.
+    """
+    present = _present(session, now)
+    due = or_(
+        and_(Job.state == JobState.QUEUED.value, Job.run_after <= present - timedelta(seconds=_ON_ITS_WAY_S)),
+        and_(Job.state == JobState.RUNNING.value, Job.lease_until < present),
+    )
+    return list(session.scalars(select(Job.id).where(due).order_by(Job.run_after, Job.id).limit(100)))
+
+
+def running_tokens(session: Session) -> set[str]:
+    """Return the tokens of all attempts that hold a job."""
+    held = select(Job.attempt_token).where(Job.state == JobState.RUNNING.value)
+    return {token for token in session.scalars(held) if token is not None}
 
 
 def beat(

@@ -1,0 +1,45 @@
+"""Give the files of a result their rows."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from pathlib import PurePosixPath
+
+from sqlalchemy.orm import Session
+
+from service.db.blobs import record_blob
+from service.storage.blobs import Stored
+from service.usecases.kernel import Kernel
+
+_MEDIA_TYPES = {
+    ".geojson": "application/geo+json",
+    ".json": "application/json",
+    ".npy": "application/octet-stream",
+    ".pcd": "application/octet-stream",
+    ".pgm": "image/x-portable-graymap",
+    ".png": "image/png",
+    ".yaml": "application/yaml",
+}
+
+
+def media_type(name: str) -> str:
+    """Return the media type of a file that the product itself writes.
+
+    Raises
+    ------
+    KeyError
+        If the product writes no such file.
+    """
+    return _MEDIA_TYPES[PurePosixPath(name).suffix]
+
+
+def record_files(kernel: Kernel, session: Session, files: Mapping[str, Stored]) -> None:
+    """Record the blobs of a result, by file name; their bytes are in the store already."""
+    for name, stored in sorted(files.items()):
+        record_blob(
+            session,
+            stored.sha256,
+            size_bytes=stored.size_bytes,
+            media_type=media_type(name),
+            now=kernel.now(),
+        )

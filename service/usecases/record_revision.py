@@ -1,0 +1,61 @@
+"""Make a built revision ready with its artifacts, and end the job with it."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.jobs import Attempt, LeaseLost, finish_succeeded
+from service.db.models import Artifact, Revision
+from service.domain.lifecycle import RevisionStatus
+from service.storage.blobs import Stored
+from service.usecases.kernel import Kernel
+from service.usecases.record_files import media_type, record_files
+
+
+def record_revision(
+    kernel: Kernel,
+    session: Session,
+    attempt: Attempt,
+    *,
+    report: dict[str, Any],
+    files: Mapping[str, Stored],
+) -> Revision:
+    """Return the revision, now ready; one transaction with the end of the job.
+
+    Parameters
+    ----------
+    attempt : Attempt
+        The attempt that built it; its subject is the revision.
+    report : dict
+        What ``report.json`` says.
+    files : mapping of str to Stored
+        The artifacts by their path, in the blob store already.
+
+    Raises
+    ------
+    LeaseLost
+        If the job is no longer this attempt's, or the revision is final: nothing is recorded.
+    """
+    now = kernel.now()
+    finish_succeeded(session, attempt, now=now)
+    record_files(kernel, session, files)
+    wanted = select(Revision).where(Revision.id == attempt.subject_id).with_for_update()
+    revision = session.scalars(wanted).one()
+    if revision.job_id != attempt.job_id or revision.status != RevisionStatus.BUILDING:
+        raise LeaseLost(attempt.job_id)
+    revision.status, revision.report, revision.ended_at = RevisionStatus.READY.value, report, now
+    for path, stored in sorted(files.items()):
+        session.add(
+            Artifact(
+                revision_id=revision.id,
+                path=path,
+                sha256=stored.sha256,
+                size_bytes=stored.size_bytes,
+                media_type=media_type(path),
+            )
+        )
+    return revision

@@ -1,0 +1,205 @@
+"""A worker's surroundings for tests: a database, a folder, small drawings, and real worker processes."""
+
+from __future__ import annotations
+
+import os
+import random
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass, field
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+from PIL import Image, ImageDraw
+from sqlalchemy import select
+
+from service.db.blobs import record_blob
+from service.db.jobs import enqueue
+from service.db.models import Drawing, Job, Key, Map, Revision
+from service.db.schema import upgrade
+from service.db.session import Database, open_engine
+from service.domain.lifecycle import JobKind, JobState
+from service.domain.recipe import Recipe
+from service.storage.local import LocalBlobStore
+from service.usecases.kernel import Kernel
+
+PATIENCE_S = 60.0
+
+
+def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
+    """Write a PNG of one room with a dividing wall, 5 cm a pixel."""
+    image = Image.new("L", (room_px + 80, room_px + 60), 255)
+    pen = ImageDraw.Draw(image)
+    pen.rectangle((30, 30, 30 + room_px, 10 + room_px), outline=0, width=5)
+    pen.line((30 + room_px // 2, 30, 30 + room_px // 2, 30 + room_px // 2), fill=0, width=5)
+    image.save(path)
+    return path
+
+
+@dataclass
+class Workbench:
+    """Hold the installation that a test's worker works on."""
+
+    data_dir: Path
+    url: str
+    seed: int = 7
+    environment: dict[str, str] = field(default_factory=dict)
+
+    def __post_init__(self) -> None:
+        entropy = random.Random(self.seed)
+        self.data_dir.mkdir(parents=True, exist_ok=True)
+        self.kernel = Kernel(
+            db=Database(open_engine(self.url)),
+            blobs=LocalBlobStore(self.data_dir),
+            now=lambda: datetime.now(UTC),
+            entropy=entropy.randbytes,
+        )
+
+    def prepare(self) -> None:
+        """Make the tables where they are not there, one key and one map."""
+        upgrade(self.kernel.db.engine)
+        now = self.kernel.now()
+        with self.kernel.db.writing("receive-drawing") as session:
+            self.key_id, self.map_id = self.kernel.new_id("key"), self.kernel.new_id("map")
+            session.add(Key(id=self.key_id, name="test", role="admin", digest=self.key_id, created_at=now))
+            session.add(
+                Map(id=self.map_id, site="works", name=self.map_id, created_at=now, updated_at=now)
+            )
+
+    def add_drawing(self, path: Path, *, metres_per_px: float = 0.05) -> str:
+        """Return the job that reads a drawing: received as an upload is."""
+        stored = self.kernel.blobs.adopt(path, keep_source=True)
+        now = self.kernel.now()
+        drawing_id, job_id = self.kernel.new_id("drw"), self.kernel.new_id("job")
+        with self.kernel.db.writing("receive-drawing") as session:
+            record_blob(
+                session, stored.sha256, size_bytes=stored.size_bytes, media_type="image/png", now=now
+            )
+            enqueue(
+                session,
+                JobKind.READ_DRAWING,
+                job_id=job_id,
+                map_id=self.map_id,
+                subject_id=drawing_id,
+                now=now,
+            )
+            session.add(
+                Drawing(
+                    id=drawing_id,
+                    map_id=self.map_id,
+                    file_name=path.name,
+                    blob_sha256=stored.sha256,
+                    options={"page": 1, "scale": {"metres_per_unit": metres_per_px}},
+                    job_id=job_id,
+                    created_at=now,
+                    created_by=self.key_id,
+                )
+            )
+        return job_id
+
+    def add_revision(self, drawing_job_id: str, **recipe: Any) -> str:
+        """Return the job that builds the next revision from a drawing that was read."""
+        now = self.kernel.now()
+        revision_id, job_id = self.kernel.new_id("rev"), self.kernel.new_id("job")
+        with self.kernel.db.writing("receive-drawing") as session:
+            drawing = session.scalars(select(Drawing).where(Drawing.job_id == drawing_job_id)).one()
+            held = session.get_one(Map, self.map_id, with_for_update=True)
+            n, held.next_revision = held.next_revision, held.next_revision + 1
+            enqueue(
+                session,
+                JobKind.BUILD_REVISION,
+                job_id=job_id,
+                map_id=self.map_id,
+                subject_id=revision_id,
+                now=now,
+            )
+            session.add(
+                Revision(
+                    id=revision_id,
+                    map_id=self.map_id,
+                    n=n,
+                    status="building",
+                    recipe=Recipe(**recipe).to_json(),
+                    drawing_id=drawing.id,
+                    job_id=job_id,
+                    created_at=now,
+                    created_by=self.key_id,
+                )
+            )
+        return job_id
+
+    def job(self, job_id: str) -> Job:
+        """Return the job as it stands."""
+        with self.kernel.db.reading() as session:
+            job = session.get_one(Job, job_id)
+            session.expunge(job)
+            return job
+
+    def wait(self, job_id: str, until: Callable[[Job], bool], *, patience_s: float = PATIENCE_S) -> Job:
+        """Return the job once `until` holds; fail when it never does."""
+        end = time.monotonic() + patience_s
+        while True:
+            job = self.job(job_id)
+            if until(job):
+                return job
+            if time.monotonic() > end:
+                message = f"{job.kind} {job.state} attempt {job.attempt} {job.stage} {job.problem}"
+                raise AssertionError(message)
+            time.sleep(0.02)
+
+    def wait_final(self, job_id: str, *, patience_s: float = PATIENCE_S) -> Job:
+        """Return the job once it has ended."""
+        return self.wait(job_id, lambda j: JobState(j.state).is_final, patience_s=patience_s)
+
+    def start_worker(self, **settings: str) -> subprocess.Popen[bytes]:
+        """Return a real worker process; `settings` are GROUNDPLAN_ variables in lower case."""
+        given = {f"GROUNDPLAN_{name.upper()}": value for name, value in settings.items()}
+        environment = {
+            **os.environ,
+            "GROUNDPLAN_DATA_DIR": str(self.data_dir),
+            "GROUNDPLAN_DATABASE_URL": self.url,
+            **self.environment,
+            **given,
+        }
+        log = (self.data_dir / "worker.log").open("ab")
+        with log:
+            return subprocess.Popen(
+                [sys.executable, "-m", "worker"], env=environment, stderr=log, stdout=log
+            )
+
+    @contextmanager
+    def worker(self, **settings: str) -> Iterator[subprocess.Popen[bytes]]:
+        """Give a running worker that is killed at the end."""
+        process = self.start_worker(**settings)
+        try:
+            yield process
+        finally:
+            kill(process)
+
+    def log(self) -> str:
+        """Return what the workers logged."""
+        return (self.data_dir / "worker.log").read_text(encoding="utf-8")
+
+    def close(self) -> None:
+        """Close the database."""
+        self.kernel.db.close()
+
+
+def kill(process: subprocess.Popen[bytes]) -> None:
+    """Kill -9, wherever the process stands."""
+    if process.poll() is None:
+        process.send_signal(signal.SIGKILL)
+    process.wait()
+
+
+def children_of(pid: int) -> list[int]:
+    """Return the processes that `pid` has started and that live."""
+    path = Path(f"/proc/{pid}/task/{pid}/children")
+    return [int(child) for child in path.read_text(encoding="ascii").split()] if path.exists() else []
+
+

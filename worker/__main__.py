@@ -1,0 +1,57 @@
+"""The worker process: read the settings, join the parts, work until told to stop."""
+
+from __future__ import annotations
+
+import os
+import secrets
+import signal
+import socket
+import sys
+from datetime import UTC, datetime
+
+from service import crash_points, logs
+from service.db.delivery import open_delivery
+from service.db.session import Database, open_engine
+from service.settings import Settings
+from service.storage.local import LocalBlobStore
+from service.usecases.kernel import Kernel
+from worker.process import Limits
+from worker.runner import NoChild, Runner, Terms
+
+
+def main() -> int:
+    """Run a worker and return its exit status: 0 when told to stop, 1 when its children cannot start."""
+    settings = Settings()
+    logs.configure(level=settings.log_level)
+    crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
+    name = f"{socket.gethostname()}:{os.getpid()}"
+    kernel = Kernel(
+        db=Database(open_engine(settings.url())),
+        blobs=LocalBlobStore(settings.data_dir),
+        now=lambda: datetime.now(UTC),
+        entropy=secrets.token_bytes,
+    )
+    limits = Limits(settings.job_memory_bytes, cpu_s=settings.job_cpu_s, wall_s=settings.job_wall_s)
+    terms = Terms(
+        name=name,
+        folder=settings.data_dir.absolute() / "jobs",
+        lease_s=settings.lease_s,
+        beat_s=settings.beat_s,
+        limits=limits,
+    )
+    delivery = open_delivery(kernel.db, now=kernel.now, poll_s=settings.poll_s, name=name)
+    runner = Runner(kernel, delivery, terms=terms)
+    signal.signal(signal.SIGTERM, runner.stop)
+    signal.signal(signal.SIGINT, runner.stop)
+    try:
+        runner.run()
+    except NoChild:
+        sys.stderr.write("groundplan worker: its child processes end before they are ready; see above\n")
+        return 1
+    finally:
+        kernel.db.close()
+    return 0
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,129 @@
+"""The process that does one job: it prepares, says that it is ready, waits for a job, does it and exits."""
+
+from __future__ import annotations
+
+import ctypes
+import json
+import os
+import resource
+import secrets
+import signal
+import sys
+from datetime import UTC, datetime
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy import text
+
+from service import crash_points, logs
+from service.db.jobs import Attempt, LeaseLost
+from service.db.session import Database, open_engine
+from service.domain.bounds import Bounds
+from service.domain.errors import DomainError, JobOutOfMemory, Unavailable
+from service.domain.lifecycle import JobKind
+from service.settings import Settings
+from service.storage.local import LocalBlobStore
+from service.usecases.kernel import Kernel
+from worker.context import JobContext, Messages
+from worker.registry import HANDLERS
+
+_PR_SET_PDEATHSIG = 1
+_CPU_GRACE_S = 5
+
+log = structlog.get_logger(__name__)
+
+
+def main(parent: int) -> int:
+    """Do one job for the process `parent` and return the exit status; without a job, end quietly."""
+    _die_with(parent)
+    messages = Messages(_take_stdout())
+    settings = Settings()
+    logs.configure(level=settings.log_level)
+    crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
+    kernel = _kernel(settings)
+    messages.send("ready")
+    line = sys.stdin.readline()
+    if not line:
+        return 0
+    job = json.loads(line)
+    _limit(memory_bytes=job["memory_bytes"], cpu_s=job["cpu_s"])
+    attempt = Attempt(**{**job["attempt"], "kind": JobKind(job["attempt"]["kind"])})
+    bounds = Bounds(max_pixels=settings.max_pixels, max_points=settings.max_points)
+    context = JobContext(kernel, attempt, Path(job["workdir"]), bounds, messages)
+    failure = _attempt(context, memory_bytes=job["memory_bytes"])
+    kernel.db.close()
+    if failure is None:
+        messages.send("done")
+    else:
+        messages.send("failed", **failure)
+    return 0
+
+
+def _attempt(context: JobContext, *, memory_bytes: int) -> dict[str, Any] | None:
+    """Return how the attempt failed, as the members of its message, or None when its result is recorded."""
+    bound = log.bind(job=context.attempt.job_id, kind=str(context.attempt.kind))
+    try:
+        HANDLERS[context.attempt.kind](context)
+    except LeaseLost:
+        bound.warning("the job was taken over by another attempt; this result is dropped")
+        return {"why": "lease-lost"}
+    except Unavailable as refusal:
+        return {"why": "unavailable", "problem": refusal.problem()}
+    except DomainError as refusal:
+        return {"why": "refused", "problem": refusal.problem()}
+    except MemoryError:
+        limit = memory_bytes // (1024 * 1024)
+        refusal = JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
+        return {"why": "refused", "problem": refusal.problem()}
+    except Exception as error:  # noqa: BLE001 - here a defect becomes a failed job
+        bound.exception("a defect ended the job")
+        return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
+    return None
+
+
+def _die_with(parent: int) -> None:
+    """Let the kernel kill this process when its parent dies; exit at once if that has happened already."""
+    libc = ctypes.CDLL(None, use_errno=True)
+    if libc.prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0) != 0:
+        raise OSError(ctypes.get_errno(), "prctl(PR_SET_PDEATHSIG)")
+    if os.getppid() != parent:
+        sys.exit(0)
+
+
+def _take_stdout() -> int:
+    """Return a private copy of standard output; what a library prints goes to standard error from now on."""
+    fd = os.dup(1)
+    os.dup2(2, 1)
+    return fd
+
+
+def _kernel(settings: Settings) -> Kernel:
+    """Return the kernel, its database connection already made."""
+    database = Database(open_engine(settings.url()))
+    with database.reading() as session:
+        session.execute(text("SELECT 1"))
+    return Kernel(
+        db=database,
+        blobs=LocalBlobStore(settings.data_dir),
+        now=lambda: datetime.now(UTC),
+        entropy=secrets.token_bytes,
+    )
+
+
+def _limit(*, memory_bytes: int, cpu_s: float) -> None:
+    """Limit this process from here on.
+
+    RLIMIT_DATA counts private writable memory, so an allocation past it fails as MemoryError; address
+    space that is only reserved (numba, threads' arenas) or mapped from files does not count, as it
+    would under RLIMIT_AS.
+    """
+    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    until = int(used.ru_utime + used.ru_stime + cpu_s) + 1
+    resource.setrlimit(resource.RLIMIT_CPU, (until, until + _CPU_GRACE_S))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+if __name__ == "__main__":
+    sys.exit(main(int(sys.argv[1])))

@@ -1,0 +1,285 @@
+"""The worker's parent process: it holds the lease of one job at a time and lets a child do the work.
+
+It loads no job code, so no job can take it down or keep it from its beat.
+"""
+
+from __future__ import annotations
+
+import shutil
+import signal
+import threading
+import time
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import structlog
+from sqlalchemy.orm import Session
+
+from service.db import jobs
+from service.db.delivery import Delivery
+from service.db.jobs import Attempt, LeaseLost
+from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut
+from service.usecases.kernel import Kernel
+from worker.process import Child, Limits
+
+_READY_TIMEOUT_S = 120.0
+_STILLBORN_MAX = 5
+_IDLE_S = 0.5
+_LISTEN_S = 0.2
+_PROGRESS_EVERY_S = 0.25
+_STOP_GRACE_S = 3.0
+_SWEEP_EVERY_S = 60.0
+
+log = structlog.get_logger(__name__)
+
+
+class NoChild(Exception):
+    """Children end before they are ready, again and again: this worker cannot work."""
+
+
+@dataclass(frozen=True)
+class Terms:
+    """Hold how a worker works: its name, its folder for jobs, its lease, its beat, and a job's limits."""
+
+    name: str
+    folder: Path
+    lease_s: float
+    beat_s: float
+    limits: Limits
+
+
+@dataclass
+class _Watch:
+    """Hold what the parent knows of the running attempt; times are monotonic seconds."""
+
+    attempt: Attempt
+    child: Child
+    started_at: float
+    beaten_at: float
+    verdict: Callable[[Session], None] | None = None
+    told: dict[str, Any] = field(default_factory=dict)
+    is_over: bool = False
+
+
+class Runner:
+    """Claim, hand over, beat, relay, limit and settle, until told to stop.
+
+    Parameters
+    ----------
+    kernel : Kernel
+        The database, the clock and the source of tokens.
+    delivery : Delivery
+        Names jobs that may be due.
+    terms : Terms
+        How to work.
+    """
+
+    def __init__(self, kernel: Kernel, delivery: Delivery, *, terms: Terms) -> None:
+        self._kernel = kernel
+        self._delivery = delivery
+        self._terms = terms
+        self._stopping = threading.Event()
+        self._stop_by = float("inf")
+        self._spare: Child | None = None
+        self._swept_at = float("-inf")
+
+    def stop(self, _signal: int = signal.SIGTERM, _frame: object = None) -> None:
+        """End soon: a running job gets a few seconds, then it is given back for another worker."""
+        self._stop_by = time.monotonic() + _STOP_GRACE_S
+        self._stopping.set()
+
+    def run(self) -> None:
+        """Work until `stop` is called.
+
+        Raises
+        ------
+        NoChild
+            If no child process gets ready.
+        """
+        self._terms.folder.mkdir(parents=True, exist_ok=True)
+        try:
+            while not self._stopping.is_set():
+                self._prepare()
+                self._turn()
+        finally:
+            if self._spare is not None:
+                self._spare.end()
+            self._delivery.close()
+
+    def _turn(self) -> None:
+        """Do one job if there is one."""
+        try:
+            self._sweep()
+            job_id = self._delivery.next(timeout_s=_IDLE_S)
+            if job_id is None:
+                return
+            attempt = self._claim(job_id)
+            if attempt is not None:
+                self._work(attempt)
+            self._delivery.done()
+        except DatabaseBusy as busy:
+            log.warning("the database did not answer", cause=busy.members.get("cause"))
+            self._stopping.wait(1.0)
+
+    def _prepare(self) -> None:
+        """Have a child ready whose imports are done."""
+        for _ in range(_STILLBORN_MAX):
+            if self._spare is None:
+                self._spare = Child()
+            until = time.monotonic() + _READY_TIMEOUT_S
+            while time.monotonic() < until and not self._spare.has_ended:
+                if self._stopping.is_set() or self._spare.wait_ready(timeout_s=_LISTEN_S):
+                    return
+            log.warning("a child ended before it was ready", how=self._spare.how_it_ended())
+            self._spare.end()
+            self._spare = None
+            self._stopping.wait(1.0)
+        raise NoChild
+
+    def _claim(self, job_id: str) -> Attempt | None:
+        with self._kernel.db.writing("claim-job") as session:
+            return jobs.claim(
+                session,
+                job_id=job_id,
+                worker=self._terms.name,
+                token=self._kernel.new_id("att"),
+                lease_s=self._terms.lease_s,
+                now=self._kernel.now(),
+            )
+
+    def _work(self, attempt: Attempt) -> None:
+        """Let the spare child do the job, start the next spare, and settle how it ended."""
+        assert self._spare is not None
+        child, self._spare = self._spare, None
+        bound = log.bind(job=attempt.job_id, kind=str(attempt.kind), attempt=attempt.attempt)
+        bound.info("job started")
+        workdir = self._terms.folder / attempt.token
+        workdir.mkdir()
+        try:
+            child.hand_over(attempt, workdir=workdir, limits=self._terms.limits)
+            self._spare = Child()
+            now = time.monotonic()
+            watch = _Watch(attempt, child, started_at=now, beaten_at=now)
+            while not watch.is_over:
+                self._listen(watch)
+                self._guard(watch)
+        finally:
+            child.end()
+            shutil.rmtree(workdir, ignore_errors=True)
+        self._settle(watch)
+        bound.info("job ended", seconds=round(time.monotonic() - watch.started_at, 3))
+
+    def _listen(self, watch: _Watch) -> None:
+        """Take what the child says; its end without a word is a death."""
+        for message in watch.child.messages(timeout_s=_LISTEN_S):
+            if message["message"] == "progress":
+                watch.told = {"stage": message["stage"], "fraction": message["fraction"]}
+            elif message["message"] == "done":
+                watch.is_over = True
+            elif message["message"] == "failed":
+                watch.is_over, watch.verdict = True, self._verdict(watch.attempt, message)
+        if watch.child.has_ended and not watch.is_over:
+            watch.is_over, watch.verdict = True, self._death(watch)
+
+    def _guard(self, watch: _Watch) -> None:
+        """Beat when it is time; end what is cancelled, lost, over a limit, or to be given back."""
+        if watch.is_over:
+            return
+        now, attempt, limits = time.monotonic(), watch.attempt, self._terms.limits
+        if watch.child.memory_bytes() > limits.memory_bytes:
+            self._break_off(watch, self._failing(attempt, _out_of_memory(limits)))
+        elif now - watch.started_at > limits.wall_s:
+            self._break_off(watch, self._failing(attempt, _timed_out("seconds", limits.wall_s)))
+        elif now > self._stop_by:
+            self._break_off(watch, lambda s: jobs.release(s, attempt, now=self._kernel.now()))
+        elif now - watch.beaten_at > (_PROGRESS_EVERY_S if watch.told else self._terms.beat_s):
+            self._beat(watch)
+
+    def _beat(self, watch: _Watch) -> None:
+        attempt = watch.attempt
+        try:
+            with self._kernel.db.writing("beat-job") as session:
+                cancelled = jobs.beat(
+                    session, attempt, lease_s=self._terms.lease_s, now=self._kernel.now(), **watch.told
+                )
+        except LeaseLost:
+            log.warning("the job is no longer this worker's", job=attempt.job_id)
+            self._break_off(watch, None)
+            return
+        except DatabaseBusy:
+            log.warning("a beat failed: the database did not answer", job=attempt.job_id)
+            return
+        watch.beaten_at, watch.told = time.monotonic(), {}
+        if cancelled:
+            self._break_off(watch, lambda s: jobs.finish_cancelled(s, attempt, now=self._kernel.now()))
+
+    def _break_off(self, watch: _Watch, verdict: Callable[[Session], None] | None) -> None:
+        """Kill the child, then judge: what it has committed by then stands."""
+        watch.child.end()
+        watch.is_over, watch.verdict = True, verdict
+
+    def _verdict(self, attempt: Attempt, message: dict[str, Any]) -> Callable[[Session], None] | None:
+        """Return what becomes of a job whose child says that it failed."""
+        if message["why"] == "lease-lost":
+            return None
+        if message["why"] == "unavailable":
+            return lambda s: self._try_again(s, attempt, message["problem"])
+        if message["why"] == "defect":
+            return self._failing(attempt, jobs.crashed(attempts=attempt.attempt, last=message["last"]))
+        return lambda s: jobs.finish_failed(s, attempt, problem=message["problem"], now=self._kernel.now())
+
+    def _death(self, watch: _Watch) -> Callable[[Session], None]:
+        """Return what becomes of a job whose child ended without a word."""
+        attempt, how = watch.attempt, watch.child.how_it_ended()
+        log.warning("a child died", job=attempt.job_id, attempt=attempt.attempt, how=how)
+        if watch.child.ran_out_of_cpu:
+            return self._failing(attempt, _timed_out("CPU seconds", self._terms.limits.cpu_s))
+        problem = jobs.crashed(attempts=attempt.attempt, last=how).problem()
+        return lambda s: self._try_again(s, attempt, problem)
+
+    def _try_again(self, session: Session, attempt: Attempt, problem: dict[str, Any]) -> None:
+        jobs.try_again(session, attempt, problem=problem, now=self._kernel.now())
+
+    def _failing(self, attempt: Attempt, refusal: DomainError) -> Callable[[Session], None]:
+        return lambda s: jobs.finish_failed(s, attempt, problem=refusal.problem(), now=self._kernel.now())
+
+    def _settle(self, watch: _Watch) -> None:
+        """Write how the attempt ended; where the result is recorded already, or the lease is lost, nothing.
+
+        A database that does not answer is asked again until the lease is over: then another attempt
+        takes over anyway.
+        """
+        while watch.verdict is not None:
+            try:
+                with self._kernel.db.writing("end-job") as session:
+                    watch.verdict(session)
+            except LeaseLost:
+                pass
+            except DatabaseBusy:
+                if time.monotonic() - watch.beaten_at < 2 * self._terms.lease_s:
+                    time.sleep(1.0)
+                    continue
+            return
+
+    def _sweep(self) -> None:
+        """Remove folders of attempts that are over: their workers died before they could."""
+        if time.monotonic() - self._swept_at < _SWEEP_EVERY_S:
+            return
+        self._swept_at = time.monotonic()
+        folders = [f for f in self._terms.folder.iterdir() if f.is_dir()]
+        with self._kernel.db.reading() as session:
+            alive = jobs.running_tokens(session)
+        for folder in folders:
+            if folder.name not in alive:
+                shutil.rmtree(folder, ignore_errors=True)
+
+
+def _out_of_memory(limits: Limits) -> JobOutOfMemory:
+    limit = limits.memory_bytes // (1024 * 1024)
+    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
+
+
+def _timed_out(unit: str, limit: float) -> JobTimedOut:
+    return JobTimedOut(f"The job took more than the {limit:g} {unit} that a job may take.")
