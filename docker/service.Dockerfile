@@ -12,7 +12,7 @@ COPY migrations migrations
 RUN uv sync --locked --no-dev --no-editable --no-cache --compile-bytecode
 
 FROM python:3.11-slim-bookworm
-RUN useradd --system --uid 10001 --create-home --home-dir /home/groundplan groundplan
+RUN useradd --uid 10001 --create-home groundplan
 RUN install -d -o groundplan -g groundplan /var/lib/groundplan
 COPY --from=build /opt/groundplan /opt/groundplan
 ENV PATH=/opt/groundplan/bin:$PATH PYTHONUNBUFFERED=1 GROUNDPLAN_DATA_DIR=/var/lib/groundplan GROUNDPLAN_HOST=0.0.0.0 GROUNDPLAN_PORT=8000

@@ -13,7 +13,7 @@ RUN uv sync --locked --no-dev --extra worker --no-editable --no-cache --compile-
 
 FROM python:3.11-slim-bookworm
 RUN apt-get -qq update && DEBIAN_FRONTEND=noninteractive apt-get -qq install -y --no-install-recommends libgl1 libegl1 libx11-6 libusb-1.0-0 libidn2-0 libgomp1 && rm -rf /var/lib/apt/lists/*
-RUN useradd --system --uid 10001 --create-home --home-dir /home/groundplan groundplan
+RUN useradd --uid 10001 --create-home groundplan
 RUN install -d -o groundplan -g groundplan /var/lib/groundplan
 COPY --from=build /opt/groundplan /opt/groundplan
 ENV PATH=/opt/groundplan/bin:$PATH PYTHONUNBUFFERED=1 GROUNDPLAN_DATA_DIR=/var/lib/groundplan
