@@ -179,6 +179,15 @@ class DrawingNotRead(Conflict):
     title = "The drawing has not been read"
 
 
+class ScanNotRead(Conflict):
+    """The scan has no finished reading: its job still runs, or it failed.
+
+    Wait for the job that `job_id` names, or look at its problem.
+    """
+
+    title = "The scan has not been read"
+
+
 class MapNameTaken(Conflict):
     """The site already has a map of this name."""
 
@@ -337,6 +346,15 @@ class TooManyPoints(Rejected):
     title = "The point cloud is too large"
 
 
+class CoordinatesTooLarge(Rejected):
+    """The map lies so far from its origin that float32 coordinates cannot tell its voxels apart.
+
+    Choose a `T_map_drawing` nearer to the origin, or a larger voxel size.
+    """
+
+    title = "The coordinates are too large for the voxel size"
+
+
 class ScaleUnknown(Rejected):
     """The drawing's scale is not known, so no map in metres can be made from it.
 
@@ -407,3 +425,9 @@ class StorageFull(Unavailable):
     """The server's disk is full; an admin has to make room. Nothing of the upload was kept."""
 
     title = "The storage is full"
+
+
+class NotReady(Unavailable):
+    """The service is up, but something that it needs is not; `checks` tells what."""
+
+    title = "The service is not ready"

@@ -11,7 +11,14 @@ from numpy.typing import NDArray
 from PIL import Image, ImageOps, UnidentifiedImageError
 
 from service.domain.bounds import Bounds
-from service.domain.errors import FileEmpty, FileMalformed, FileTruncated, ImageTooLarge, PageNotFound, UnsupportedMedia
+from service.domain.errors import (
+    FileEmpty,
+    FileMalformed,
+    FileTruncated,
+    ImageTooLarge,
+    PageNotFound,
+    UnsupportedMedia,
+)
 
 _FORMATS = ("PNG", "JPEG", "TIFF", "BMP")
 _MAGIC = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+", b"BM")

@@ -138,7 +138,9 @@ def _to_wall(geometry: dict[str, Any], properties: dict[str, Any], where: str) -
     if not math.isfinite(thickness):
         raise NotFinite(f"The thickness_m in {where} is not finite.")
     if not 0.0 <= thickness <= _THICKEST:
-        raise FileMalformed(f"The thickness_m in {where} is {thickness}; it lies between 0 and {_THICKEST:g}.")
+        raise FileMalformed(
+            f"The thickness_m in {where} is {thickness}; it lies between 0 and {_THICKEST:g}."
+        )
     kind = str(properties.get("kind", "wall"))
     faces = properties.get("faces")
     if faces is None:

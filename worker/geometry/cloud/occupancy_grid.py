@@ -38,7 +38,11 @@ class OccupancyGrid:
 
 
 def occupancy_grid(
-    walls: Sequence[Wall], columns: Sequence[Column] = (), *, layers: Sequence[PlacedLayer] = (), resolution: float
+    walls: Sequence[Wall],
+    columns: Sequence[Column] = (),
+    *,
+    layers: Sequence[PlacedLayer] = (),
+    resolution: float,
 ) -> OccupancyGrid:
     """Return the grid of what a robot on the floor meets, in frame `map`.
 

@@ -7,22 +7,13 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from service.domain.errors import Rejected
+from service.domain.errors import CoordinatesTooLarge
 from worker.geometry.cloud.point_cloud import PointCloud
 
 Keep = Literal["centroid", "nearest-to-centre"]
 
 _MARGIN = 1e-3
 _FLOAT32_STEPS = 8
-
-
-class CoordinatesTooLarge(Rejected):
-    """The map lies so far from its origin that float32 coordinates cannot tell its voxels apart.
-
-    Choose a `T_map_drawing` nearer to the origin, or a larger voxel size.
-    """
-
-    title = "The coordinates are too large for the voxel size"
 
 
 def voxel_index(points: NDArray[np.floating], voxel_size: float) -> NDArray[np.int64]:

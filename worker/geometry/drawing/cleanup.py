@@ -17,6 +17,7 @@ _BOX_ASPECT, _BOX_THICKEST, _BOX_SHORTEST = 2.2, 0.45, 0.5
 _DASH_LONGEST, _DASH_GAP, _DASH_MEMBERS = 2.0, 0.45, 4
 _LIGHT_PEN = 0.6
 _BAR_FILL = 0.55
+_PIER_FILL, _PIER_LEAST = 0.8, 0.15
 
 
 @dataclass(frozen=True, eq=False)
@@ -57,7 +58,7 @@ def measure_parts(mask: NDArray[np.bool_], metres_per_px: float) -> Parts:
 def small_parts(strokes: Strokes, parts: Parts, metres_per_px: float) -> dict[str, NDArray[np.bool_]]:
     """Return, by layer, which strokes belong to specks, text and symbols.
 
-    A free-standing part that is long and narrow as a wall drawn in outline is spared.
+    A free-standing part is spared that is long and narrow as a wall drawn in outline, or solid as a pier.
     """
     extent = parts.long[strokes.part]
     box = (
@@ -66,6 +67,7 @@ def small_parts(strokes: Strokes, parts: Parts, metres_per_px: float) -> dict[st
         & (parts.long[strokes.part] >= _BOX_ASPECT * parts.short[strokes.part])
         & (parts.short[strokes.part] >= max(0.05, 4 * metres_per_px))
     )
+    box |= (parts.fill[strokes.part] >= _PIER_FILL) & (parts.short[strokes.part] >= _PIER_LEAST)
     speck = extent < SPECK
     text = ~speck & (extent < TEXT) & ~box
     symbol = ~speck & ~text & (extent < SYMBOL) & ~box

@@ -65,7 +65,9 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     dark = contrast[contrast > floor]
     strong = max(floor, _SHARE_OF_DARKEST * float(np.percentile(dark, 75))) if len(dark) else 255.0
     mask = _hysteresis(contrast, low=max(strong / 2, floor), high=strong)
-    return Ink(mask, _mean(full, reduction), reduction, metres_per_px * reduction, grey.shape[0] * metres_per_px)
+    return Ink(
+        mask, _mean(full, reduction), reduction, metres_per_px * reduction, grey.shape[0] * metres_per_px
+    )
 
 
 def _paper(grey: NDArray[np.uint8], metres_per_px: float) -> NDArray[np.uint8]:

@@ -36,14 +36,16 @@ class Pairs:
     overlap: NDArray[np.float64]
 
 
-def find_pairs(strokes: Strokes, metres_per_px: float) -> Pairs:
-    """Return which strokes run parallel within 4 degrees, 5 to 50 cm apart, next to each other.
+def find_pairs(strokes: Strokes, metres_per_px: float, *, among: NDArray[np.bool_] | None = None) -> Pairs:
+    """Return which strokes, of those `among` which to look, run parallel within 4 degrees, 5 to 50 cm apart, next to each other.
 
     Notes
     -----
     Each stroke is sampled every 5 cm; a sample looks for the nearest sample of a parallel stroke on each of its sides.
     """
-    xy, owner, direction = _samples(strokes, metres_per_px)
+    wanted = np.arange(len(strokes)) if among is None else np.flatnonzero(among)
+    xy, owner, direction = _samples(strokes.take(wanted), metres_per_px)
+    owner = wanted[owner]
     if not len(xy):
         none = np.zeros(0, dtype=np.int64)
         return Pairs(none, none, np.zeros(0), np.zeros(0))
@@ -76,9 +78,7 @@ def _samples(
     return (start + (end - start) * share[:, None]) * metres_per_px, owner, strokes.direction[owner]
 
 
-def _counted(
-    a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64], count: int
-) -> Pairs:
+def _counted(a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64], count: int) -> Pairs:
     low, high = np.minimum(a, b), np.maximum(a, b)
     key = low * count + high
     order = np.lexsort((distance, key))

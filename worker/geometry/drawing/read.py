@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import dataclass
 
+import cv2
 import numpy as np
 from numpy.typing import NDArray
 
@@ -11,15 +13,17 @@ from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing import cleanup
 from worker.geometry.drawing.ink import Ink, find_ink
-from worker.geometry.drawing.pairs import find_pairs, regular_patterns
+from worker.geometry.drawing.pairs import Pairs, find_pairs, regular_patterns
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.strokes import Strokes, find_strokes
-from worker.geometry.drawing.walls import filled_walls, outlined_walls, single_walls, thick_mask
+from worker.geometry.drawing.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
 
 Progress = Callable[[str, float], None]
 
 _ASSUMED_EXTENT = 30.0
 _FILLED_SHARE = 0.3
+_MOSTLY_FACE = 0.3
+_LEAST_PARTITION, _LEAST_REST = 0.5, 0.1
 _REASONS = {
     "speck": "free-standing and smaller than 12 cm",
     "text": "free-standing and smaller than 70 cm: a letter, a number or a symbol",
@@ -27,6 +31,7 @@ _REASONS = {
     "dashed": "one of a row of free bars: a dashed line",
     "pattern": "one of at least five parallels at one spacing: stairs, planks or tiles",
     "light-pen": "drawn with a clearly lighter pen than the walls",
+    "blot": "thick, but too short for a wall and no pier",
     "thin": "thin, in a drawing whose walls are filled",
     "loose": "neither one of two wall faces nor a long line that leads to a wall",
 }
@@ -87,60 +92,78 @@ def read_raster(
     return reading if metres_per_px is not None else _in_pixels(reading, scale)
 
 
+@dataclass
+class _Sorting:
+    """Hold the strokes while they are sorted: `layer` is empty for what is still a candidate."""
+
+    ink: Ink
+    strokes: Strokes
+    layer: NDArray[np.str_]
+    removed: list[RemovedStroke]
+
+    def put(self, name: str, which: NDArray[np.bool_]) -> None:
+        self.layer[which & self.candidates] = name
+
+    @property
+    def candidates(self) -> NDArray[np.bool_]:
+        return np.asarray(self.layer == "", dtype=np.bool_)
+
+
 def _sort_out(
     ink: Ink, strokes: Strokes, tell: Progress
 ) -> tuple[list[Wall], list[Column], list[RemovedStroke], str]:
+    """Return walls, columns, what was set aside, and the style of the drawing."""
     m = ink.metres_per_px
-    layer = np.full(len(strokes), "", dtype="<U12")
+    sorting = _Sorting(ink, strokes, np.full(len(strokes), "", dtype="<U12"), [])
     parts = cleanup.measure_parts(ink.mask, m)
-    small = cleanup.small_parts(strokes, parts, m)
-
-    def put(name: str, which: NDArray[np.bool_]) -> None:
-        layer[which & (layer == "")] = name
-
-    put("speck", small["speck"])
-    put("dashed", cleanup.dashed(strokes, parts, m))
-    free = ink.mask & ~_painted(ink, strokes, layer != "")
-    thick = thick_mask(Ink(free, ink.contrast, ink.reduction, m, ink.sheet_height), _line_width(strokes, m))
-    bars, columns = filled_walls(ink, thick)
-    put("text", small["text"])
-    put("symbol", small["symbol"])
+    sorting.put("dashed", cleanup.dashed(strokes, parts, m))
+    for name, which in cleanup.small_parts(strokes, parts, m).items():
+        sorting.put(name, which)
+    thick = thick_mask(ink, _without_parts(ink, strokes, ~sorting.candidates), _line_width(strokes, m))
+    bars, columns, blots = filled_walls(ink, thick)
+    sorting.removed += [RemovedStroke((line,), "blot", _REASONS["blot"]) for line in blots]
     tell("pairs", 0.7)
-    pairs = find_pairs(strokes.take(layer == ""), m)
-    kept_index = np.flatnonzero(layer == "")
-    pairs = type(pairs)(kept_index[pairs.first], kept_index[pairs.second], pairs.spacing, pairs.overlap)
-    put("pattern", regular_patterns(strokes, pairs))
-    pen = cleanup.wall_pen(strokes, pairs, layer == "", m)
-    put("light-pen", cleanup.light_pen(strokes, pen))
-    candidates = layer == ""
+    pairs = find_pairs(strokes, m, among=sorting.candidates)
+    sorting.put("pattern", regular_patterns(strokes, pairs))
+    pen = cleanup.wall_pen(strokes, pairs, sorting.candidates, m)
+    sorting.put("light-pen", cleanup.light_pen(strokes, pen))
     in_thick = _mostly_in(strokes, thick)
-    bar_length = sum(w.length for w in bars)
-    if bar_length >= _FILLED_SHARE * float(strokes.length[candidates].sum() * m):
-        put("thin", ~in_thick)
+    if sum(w.length for w in bars) >= _FILLED_SHARE * float(strokes.length[sorting.candidates].sum() * m):
+        sorting.put("thin", ~in_thick)
         walls, style = bars, "filled"
     else:
-        candidates &= ~in_thick
-        outlined, share = outlined_walls(ink, strokes, pairs, candidates)
-        singles = single_walls(ink, strokes, candidates, share > 0.3)
-        alone = singles & (share < 0.5)
-        lines = [
-            Wall.of(ink.to_drawing(strokes.ends[i]), thickness=float(strokes.width[i] * m), kind="partition")
-            for i in np.flatnonzero(alone)
-        ]
-        put("loose", candidates & (share < 0.3) & ~alone)
-        walls = bars + outlined + lines
-        style = "outlined" if sum(w.length for w in outlined) > sum(w.length for w in lines) else "single-line"
-    return walls, columns, _removed(ink, strokes, layer), style
+        lines, style = _line_walls(sorting, pairs, sorting.candidates & ~in_thick)
+        walls = bars + lines
+    return walls, columns, sorting.removed + _removed(ink, strokes, sorting.layer), style
 
 
-def _painted(ink: Ink, strokes: Strokes, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the ink of the parts that the chosen strokes belong to."""
-    import cv2  # noqa: PLC0415
+def _line_walls(sorting: _Sorting, pairs: Pairs, candidates: NDArray[np.bool_]) -> tuple[list[Wall], str]:
+    """Return walls drawn in outline or as single lines, and which of the two prevails; note every rest."""
+    ink, strokes = sorting.ink, sorting.strokes
+    m = ink.metres_per_px
+    outlined, used = outlined_walls(ink, strokes, pairs, candidates)
+    share = np.array([cells.mean() for cells in used])
+    singles = single_walls(ink, strokes, candidates, share > _MOSTLY_FACE)
+    alone = []
+    for i in np.flatnonzero(candidates):
+        for piece in rest(strokes.ends[i], used[i]):
+            length = float(np.hypot(*(piece[1] - piece[0])) * m)
+            line = ink.to_drawing(piece)
+            if singles[i] and length >= _LEAST_PARTITION:
+                alone.append(Wall.of(line, thickness=float(strokes.width[i] * m), kind="partition"))
+            elif length >= _LEAST_REST:
+                sorting.removed.append(RemovedStroke((line,), "loose", _REASONS["loose"]))
+    prevails = sum(w.length for w in outlined) > sum(w.length for w in alone)
+    return outlined + alone, "outlined" if prevails else "single-line"
 
+
+def _without_parts(ink: Ink, strokes: Strokes, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
+    """Return the ink without the connected parts that the chosen strokes belong to."""
     count, labels = cv2.connectedComponents(ink.mask.astype(np.uint8), connectivity=8)
-    chosen = np.zeros(count, dtype=bool)
-    chosen[strokes.part[which]] = True
-    return np.asarray(chosen[labels], dtype=np.bool_)
+    kept = np.full(count, fill_value=True)
+    kept[strokes.part[which]] = False
+    kept[0] = False
+    return np.asarray(kept[labels], dtype=np.bool_)
 
 
 def _line_width(strokes: Strokes, m: float) -> float:

@@ -156,7 +156,9 @@ def _corners(path: NDArray[np.int64], tolerance: float) -> NDArray[np.intp]:
     kept = cv2.approxPolyDP(points, tolerance, closed=False).reshape(-1, 2)
     key = path[:, 0] * (path.max() + 2) + path[:, 1]
     wanted = kept[:, 0].astype(np.int64) * (path.max() + 2) + kept[:, 1]
-    return np.unique(np.concatenate([[0, len(path) - 1], np.flatnonzero(np.isin(key, wanted))])).astype(np.intp)
+    return np.unique(np.concatenate([[0, len(path) - 1], np.flatnonzero(np.isin(key, wanted))])).astype(
+        np.intp
+    )
 
 
 def join_collinear(pieces: Strokes, *, reach: float) -> Strokes:

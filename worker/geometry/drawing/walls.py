@@ -19,21 +19,24 @@ _TOUCH = 0.15
 _STEP = 0.05
 
 
-def thick_mask(ink: Ink, line_width: float) -> NDArray[np.bool_]:
-    """Return the ink that is much thicker than the drawing's lines: filled walls and piers.
+def thick_mask(ink: Ink, mask: NDArray[np.bool_], line_width: float) -> NDArray[np.bool_]:
+    """Return the part of the `mask` that is much thicker than the drawing's lines: filled walls and piers.
 
     `line_width` is that of the thin lines [m]; thick is 2.5 times as much, and at least 7 cm.
     """
     least = max(_THICK, _THICK_LINES * min(line_width, _THINNEST_LINE), _THICK_PX * ink.metres_per_px)
     diameter = max(3, int(np.ceil(least / ink.metres_per_px)))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
-    return np.asarray(
-        cv2.morphologyEx(ink.mask.astype(np.uint8), cv2.MORPH_OPEN, kernel), dtype=np.bool_
-    )
+    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel), dtype=np.bool_)
 
 
-def filled_walls(ink: Ink, thick: NDArray[np.bool_]) -> tuple[list[Wall], list[Column]]:
-    """Return walls drawn as bars, with the drawn width as thickness, and square or round piers as columns."""
+def filled_walls(
+    ink: Ink, thick: NDArray[np.bool_]
+) -> tuple[list[Wall], list[Column], list[NDArray[np.float64]]]:
+    """Return walls drawn as bars, with the drawn width as thickness, piers as columns, and what is neither.
+
+    The third is the middle lines of thick parts that are too short for a wall and no pier: arrow heads, blots.
+    """
     m = ink.metres_per_px
     strokes = find_strokes(ink, thick)
     width, length = strokes.width * m, strokes.length * m
@@ -46,62 +49,80 @@ def filled_walls(ink: Ink, thick: NDArray[np.bool_]) -> tuple[list[Wall], list[C
         more = strokes.direction[i] * strokes.width[i] / 2
         ends = np.vstack([strokes.ends[i, 0] - more, strokes.ends[i, 1] + more])
         walls.append(Wall.of(ink.to_drawing(ends), thickness=float(width[i])))
-    return walls, _piers(ink, thick, set(np.unique(strokes.part[keep]).tolist()))
+    columns, piers = _piers(ink, thick, set(np.unique(strokes.part[keep]).tolist()))
+    known = np.isin(strokes.part, [*piers, *np.unique(strokes.part[keep])])
+    return walls, columns, [ink.to_drawing(strokes.ends[i]) for i in np.flatnonzero(~known)]
 
 
-def _piers(ink: Ink, thick: NDArray[np.bool_], taken: set[int]) -> list[Column]:
+def _piers(ink: Ink, thick: NDArray[np.bool_], taken: set[int]) -> tuple[list[Column], list[int]]:
+    """Return the solid parts that are no bars as columns, and their numbers."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=8)
     m = ink.metres_per_px
-    out = []
+    out: list[Column] = []
+    piers: list[int] = []
     for part in range(1, count):
         x, y, w, h, area = stats[part]
         if part in taken or min(w, h) * m < 0.15 or area < 0.6 * w * h:
             continue
         one = (labels[y : y + h, x : x + w] == part).astype(np.uint8)
-        contours, _ = cv2.findContours(one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(int(x), int(y)))
+        contours, _ = cv2.findContours(
+            one, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE, offset=(int(x), int(y))
+        )
         outline = cv2.approxPolyDP(contours[0], 1.5, closed=True).reshape(-1, 2)
         if len(outline) >= 3:
             out.append(Column(ink.to_drawing(outline.astype(np.float64))))
-    return out
+            piers.append(part)
+    return out, piers
 
 
 def outlined_walls(
     ink: Ink, strokes: Strokes, pairs: Pairs, candidates: NDArray[np.bool_]
-) -> tuple[list[Wall], NDArray[np.float64]]:
-    """Return walls drawn as two parallel lines, and what share of each stroke they account for, (N,) in 0..1.
+) -> tuple[list[Wall], list[NDArray[np.bool_]]]:
+    """Return walls drawn as two parallel lines, and which 5 cm cells of each stroke they account for.
 
     The two lines are the faces, as far as they run side by side.
     """
     length = strokes.length * ink.metres_per_px
     used = [np.zeros(max(1, int(np.ceil(v / _STEP))), dtype=bool) for v in length]
     walls = []
-    fair = candidates[pairs.first] & candidates[pairs.second] & (
-        pairs.overlap >= np.maximum(_MIN_OVERLAP, 1.2 * pairs.spacing)
+    fair = (
+        candidates[pairs.first]
+        & candidates[pairs.second]
+        & (pairs.overlap >= np.maximum(_MIN_OVERLAP, 1.2 * pairs.spacing))
     )
     for k in np.flatnonzero(fair):
         i, j = int(pairs.first[k]), int(pairs.second[k])
         along = strokes.direction[i if length[i] >= length[j] else j]
-        a, b = (np.sort(strokes.ends[n] @ along) for n in (i, j))
-        low, high = max(a[0], b[0]), min(a[1], b[1])
-        if high <= low:
+        low, high = np.sort(strokes.ends[[i, j]] @ along, axis=1).T
+        shared = np.array([low.max(), high.min()])
+        if shared[1] <= shared[0]:
             continue
-        faces = [_between(strokes.ends[n], along, low, high) for n in (i, j)]
-        for n, span in ((i, a), (j, b)):
-            cells = used[n]
-            share = (np.array([low, high]) - span[0]) / max(span[1] - span[0], 1e-9) * len(cells)
-            first, last = int(np.floor(share[0])), int(np.ceil(share[1]))
-            flip = strokes.direction[n] @ along < 0
-            cells[slice(len(cells) - last, len(cells) - first) if flip else slice(first, last)] = True
-        one, two = ink.to_drawing(faces[0]), ink.to_drawing(faces[1])
+        one, two = (ink.to_drawing(_mark(strokes.ends[n], along, shared, used[n])) for n in (i, j))
         thickness = float(np.hypot(*(one - two).mean(axis=0)))
         walls.append(Wall((one + two) / 2, thickness, _left_right(one, two)))
-    return walls, np.array([cells.mean() for cells in used])
+    return walls, used
 
 
-def _between(ends: NDArray[np.float64], along: NDArray[np.float64], low: float, high: float) -> NDArray[np.float64]:
+def _mark(
+    ends: NDArray[np.float64],
+    along: NDArray[np.float64],
+    shared: NDArray[np.float64],
+    used: NDArray[np.bool_],
+) -> NDArray[np.float64]:
+    """Return the piece of a stroke within the `shared` stretch along a direction, and mark its cells as used."""
     t = ends @ along
-    share = (np.array([low, high]) - t[0]) / (t[1] - t[0])
+    share = (shared - t[0]) / (t[1] - t[0])
+    first, last = np.sort(share) * len(used)
+    used[max(0, int(np.floor(first))) : int(np.ceil(last))] = True
     return np.asarray(ends[0] + (ends[1] - ends[0]) * share[:, None], dtype=np.float64)
+
+
+def rest(ends: NDArray[np.float64], used: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
+    """Return the pieces (2, 2) of a stroke whose cells are not used."""
+    edge = np.diff(np.concatenate([[0], (~used).astype(np.int8), [0]]))
+    runs = zip(np.flatnonzero(edge == 1), np.flatnonzero(edge == -1), strict=True)
+    step = (ends[1] - ends[0]) / len(used)
+    return [np.stack([ends[0] + step * a, ends[0] + step * b]) for a, b in runs]
 
 
 def _left_right(
