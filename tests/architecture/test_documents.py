@@ -8,6 +8,7 @@ from pathlib import Path
 
 import pytest
 
+from service.settings import Settings
 from tests.architecture.sources import ROOT
 
 DOCUMENTS = sorted([*ROOT.glob("*.md"), *(ROOT / "docs").rglob("*.md")])
@@ -53,10 +54,25 @@ def test_the_commands_of_the_readme_exist() -> None:
 
 def test_no_file_names_a_machine() -> None:
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
-    pattern = re.compile(r"/(?:home|Users|work)/[a-z]|/root/")
+    pattern = re.compile(r"/(?:hom[e]|User[s]|wor[k]|roo[t])/\w")
     found = []
     for name in listed.stdout.split("\0"):
         path = ROOT / name
         if name and path.is_file() and path.suffix in {".py", ".md", ".toml", ".yml", ".yaml", ".sh", ""}:
             found += [name for line in path.read_text().splitlines() if pattern.search(line)]
     assert found == []
+
+
+def test_the_settings_page_lists_every_setting_as_the_class_says_it() -> None:
+    page = (ROOT / "docs" / "operations.md").read_text()
+    rows = re.findall(r"^\| `(GROUNDPLAN_\w+)` \| (.*?) \| (.*) \|$", page, flags=re.MULTILINE)
+    assert rows == settings_rows()
+
+
+def settings_rows() -> list[tuple[str, str, str]]:
+    """Return the rows of the table: name, default, meaning."""
+    rows = []
+    for name, setting in Settings.model_fields.items():
+        default = "" if setting.default is None else f"`{setting.default}`"
+        rows.append((f"GROUNDPLAN_{name.upper()}", default, str(setting.description)))
+    return rows
