@@ -24,7 +24,7 @@ from worker.geometry.drawing.reading import Column, Wall
 Progress = Callable[[str, float], None]
 
 
-def write_artifacts(
+def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     directory: Path,
     *,
     walls: Sequence[Wall],
@@ -60,8 +60,8 @@ def write_artifacts(
     Returns
     -------
     list of Path
-        ``point-cloud.pcd``, ``occupancy-grid.pgm``, ``occupancy-grid.yaml``, ``walls.geojson``, ``preview.png``,
-        ``report.json``.
+        ``point-cloud.pcd``, ``occupancy-grid.pgm``, ``occupancy-grid.yaml``, ``walls.geojson``,
+        ``preview.png``, ``report.json``.
 
     Raises
     ------
@@ -112,7 +112,7 @@ def _picture(path: Path, walls: Sequence[Wall], columns: Sequence[Column], cloud
     )
 
 
-def _report(  # noqa: PLR0917, PLR0913 - one place lists all that a report holds
+def _report(
     cloud: PointCloud,
     walls: Sequence[Wall],
     columns: Sequence[Column],

@@ -8,9 +8,10 @@ from worker.geometry.cloud.occupancy_grid import OccupancyGrid
 
 
 def write_occupancy(directory: Path, grid: OccupancyGrid) -> list[Path]:
-    """Write ``occupancy-grid.pgm`` (binary, 8 bits) and ``occupancy-grid.yaml`` and return their paths.
+    """Write ``occupancy-grid.pgm`` (binary) and ``occupancy-grid.yaml`` and return their paths.
 
-    ``free_thresh`` is 0.196 as in ROS's `map_saver`: grey 205 gives (255 - 205) / 255 = 0.19608, just unknown.
+    ``free_thresh`` is 0.196 as in ROS's `map_saver`: grey 205 gives (255 - 205) / 255 = 0.19608, just
+    unknown.
     """
     image, description = directory / "occupancy-grid.pgm", directory / "occupancy-grid.yaml"
     height, width = grid.cells.shape

@@ -32,7 +32,8 @@ def load_raster(path: Path, *, bounds: Bounds | None = None, page: int = 1) -> N
 
     The grey of a pixel is its darkest colour channel, so that a cyan or yellow pen is as good as a black
     one. Transparency is laid over white, the EXIF orientation is applied. The header is read first: an image
-    over the limit is refused before a pixel is decoded. What kind the file is, its own bytes tell, not its name.
+    over the limit is refused before a pixel is decoded. What kind the file is, its own bytes tell, not its
+    name.
 
     Parameters
     ----------
@@ -164,7 +165,7 @@ def _from_wide(image: Image.Image) -> NDArray[np.uint8]:
         raise FileMalformed("The image holds pixel values that are not numbers.")
     top = float(wide.max(initial=0.0))
     full = 65535.0 if top > 255.0 else (255.0 if top > 1.0 else 1.0)
-    return (np.clip(wide / full, 0.0, 1.0) * 255.0).astype(np.uint8)
+    return np.asarray(np.clip(wide / full, 0.0, 1.0) * 255.0).astype(np.uint8)
 
 
 def _from_colour(image: Image.Image) -> NDArray[np.uint8]:

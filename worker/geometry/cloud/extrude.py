@@ -1,9 +1,10 @@
-"""Walls to a point cloud: stacking to the wall height, floor and ceiling (paper, section 2.2, step 3, and 4.4)."""
+"""Walls stacked to the wall height, floor and ceiling (paper, sections 2.2, step 3, and 4.4)."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,14 +19,16 @@ _JITTER = 0.01
 _SAMPLES_A_VOXEL = 8
 _LEVEL_SLACK = 1.001
 _MIN_STEP = 0.002
-_FOOTPRINT_CELL = 0.1
+_FOOTPRINT_CELL, _FOOTPRINT_CELLS = 0.1, 4e6
+_CELLS_A_POINT = 4.0
 _DOOR_HALF_WIDTH = 1.0
 
 
 def wall_columns(walls: Sequence[Wall], columns: Sequence[Column], voxel_size: float) -> NDArray[np.float64]:
-    """Return the 2-D map: (M, 2) points [m] on the faces of the walls, one a square cell of edge `voxel_size`.
+    """Return the 2-D map: (M, 2) points [m] on the walls' faces, one a square cell of edge `voxel_size`.
 
-    A LiDAR sees faces, not centre lines: both faces of each wall are sampled, finely, and in each cell the sample
+    A LiDAR sees faces, not centre lines: both faces of each wall are sampled, finely, and in each cell the
+    sample
     nearest to its centre stays. So every point lies on a face, also where a cell holds both faces of a wall.
     """
     step = max(voxel_size / _SAMPLES_A_VOXEL, _MIN_STEP)
@@ -49,7 +52,7 @@ def sample_polyline(line: NDArray[np.float64], step: float) -> NDArray[np.float6
 
 
 def levels(wall_height: float, voxel_size: float) -> NDArray[np.float64]:
-    """Return the heights [m] of a stack: from exactly 0 to exactly `wall_height`, evenly, over one voxel apart.
+    """Return the heights [m] of a stack: exactly 0 to exactly `wall_height`, evenly.
 
     The spacing is the smallest one above the voxel's edge, so two levels never share a voxel, whichever way
     a reader rounds a level that falls on a border. A wall lower than a voxel has the two levels all the same.
@@ -61,8 +64,9 @@ def levels(wall_height: float, voxel_size: float) -> NDArray[np.float64]:
 def extrude(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float) -> PointCloud:
     """Return the 2-D map stacked to the wall height, labelled `Label.WALL`.
 
-    Each point is moved by up to 1 cm within its own voxel, horizontally, by a hash of its voxel: perfectly flat
-    walls have a singular covariance and are dropped by PCL >= 1.12's NDT. The same input gives the same points.
+    Each point is moved by up to 1 cm within its own voxel, horizontally, by a hash of its voxel: perfectly
+    flat walls have a singular covariance and are dropped by PCL >= 1.12's NDT. The same input gives the same
+    points.
 
     Parameters
     ----------
@@ -87,24 +91,32 @@ def extrude(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float) -
         points = np.column_stack([np.repeat(xy, len(z), axis=0), np.tile(z, len(xy))])
         cells = np.repeat(cell, len(z), axis=0)
         level = np.tile(np.arange(len(z)), len(xy))
-    moved = points[:, :2] + _jitter(cells, level, voxel_size)
+    moved = np.asarray(points[:, :2] + _jitter(cells, level, voxel_size), dtype=np.float64)
     points[:, :2] = inside_voxels(moved, cells, voxel_size)
     points[:, 2] = points[:, 2].astype(np.float32)
     return PointCloud.of(points, Label.WALL)
 
 
 def planes(
-    xy: NDArray[np.float64], *, wall_height: float, voxel_size: float, floor: bool, ceiling: bool
+    xy: NDArray[np.float64],
+    *,
+    wall_height: float,
+    voxel_size: float,
+    floor: bool,
+    ceiling: bool,
+    max_points: int = 50_000_000,
 ) -> list[PointCloud]:
     """Return floor and ceiling over the building's footprint, where no wall stands.
 
-    One point a cell, up to 1 cm above z = 0 and below the wall height (never outside: the extent stays the wall
-    height), by the same hash as the walls'. Where the walls are no higher than a voxel the two planes share cells in turn.
+    One point a cell, up to 1 cm above z = 0 and below the wall height (never outside: the extent stays the
+    wall
+    height), by the same hash as the walls'. Where the walls are no higher than a voxel the two planes share
+    cells in turn.
     """
     if not len(xy) or not (floor or ceiling):
         return []
-    free = _free_cells(xy, voxel_size)
-    centre = inside_voxels((free + 0.5) * voxel_size, free, voxel_size)
+    free = _free_cells(xy, voxel_size, max_points)
+    centre = inside_voxels(np.asarray((free + 0.5) * voxel_size, dtype=np.float64), free, voxel_size)
     rise = np.abs(_jitter(free, np.full(len(free), -1), voxel_size)[:, 0])
     rise = np.minimum(rise, wall_height / 4)
     in_turn = wall_height <= _LEVEL_SLACK * voxel_size and floor and ceiling
@@ -121,22 +133,51 @@ def planes(
     return out
 
 
-def footprint(xy: NDArray[np.float64], cell: float) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
-    """Return which cells lie inside the building, and the (2,) lower left corner [m] of cell [0, 0].
+@dataclass(frozen=True, eq=False)
+class Footprint:
+    """Hold which square cells lie inside the building.
 
-    Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. The mask is indexed
-    [ix, iy]. Rooms whose walls are not drawn stay outside.
+    Parameters
+    ----------
+    inside : ndarray of shape (X, Y), bool
+        Indexed [ix, iy].
+    corner : ndarray of shape (2,), float64
+        Lower left corner of cell [0, 0] [m].
+    cell : float
+        Edge of a cell [m].
     """
+
+    inside: NDArray[np.bool_]
+    corner: NDArray[np.float64]
+    cell: float
+
+    def at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return the (len(x), len(y)) answers for a lattice of positions [m]; outside the cells it is False."""
+        ix = np.floor((x - self.corner[0]) / self.cell).astype(np.int64)
+        iy = np.floor((y - self.corner[1]) / self.cell).astype(np.int64)
+        known_x, known_y = ((i >= 0) & (i < n) for i, n in zip((ix, iy), self.inside.shape, strict=True))
+        out = np.zeros((len(x), len(y)), dtype=bool)
+        out[np.ix_(known_x, known_y)] = self.inside[np.ix_(ix[known_x], iy[known_y])]
+        return out
+
+
+def footprint(xy: NDArray[np.float64]) -> Footprint:
+    """Return what the walls, given as (M, 2) points [m], enclose.
+
+    Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. Rooms whose walls are
+    not drawn stay outside. Cells are 10 cm, larger where the building would have over four million of them.
+    """
+    area = float(np.prod(np.ptp(xy, axis=0) + 4 * _DOOR_HALF_WIDTH))
+    cell = max(_FOOTPRINT_CELL, math.sqrt(area / _FOOTPRINT_CELLS))
     reach = math.ceil(_DOOR_HALF_WIDTH / cell)
     index = voxel_index(xy, cell)
     low = index.min(axis=0) - reach - 1
-    shape = tuple(index.max(axis=0) - low + reach + 2)
-    wall = np.zeros(shape, dtype=bool)
+    wall = np.zeros(tuple(index.max(axis=0) - low + reach + 2), dtype=bool)
     wall[tuple((index - low).T)] = True
     near = ndimage.distance_transform_edt(~wall) <= reach
     filled = ndimage.binary_fill_holes(near)
     inside = ndimage.distance_transform_edt(filled) > reach
-    return inside | wall, low * cell
+    return Footprint(np.asarray(inside | wall, dtype=np.bool_), low * cell, cell)
 
 
 def check_size(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float, max_points: int) -> None:
@@ -150,27 +191,29 @@ def check_size(xy: NDArray[np.float64], *, wall_height: float, voxel_size: float
     count = len(xy) * len(levels(wall_height, voxel_size))
     if count > max_points:
         raise TooManyPoints(
-            f"With voxels of {voxel_size} m the map would have {count} points; at most {max_points} are made. "
-            "Choose a larger voxel size.",
+            f"With voxels of {voxel_size} m the map would have {count} points; "
+            f"at most {max_points} are made. Choose a larger voxel size.",
             max_points=max_points,
         )
 
 
-def _free_cells(xy: NDArray[np.float64], voxel_size: float) -> NDArray[np.int64]:
-    inside, corner = footprint(xy, _FOOTPRINT_CELL)
+def _free_cells(xy: NDArray[np.float64], voxel_size: float, max_points: int) -> NDArray[np.int64]:
     index = voxel_index(xy, voxel_size)
     low, high = index.min(axis=0), index.max(axis=0)
-    ix, iy = np.meshgrid(np.arange(low[0], high[0] + 1), np.arange(low[1], high[1] + 1), indexing="ij")
-    cells = np.column_stack([ix.ravel(), iy.ravel()])
-    at = voxel_index((cells + 0.5) * voxel_size - corner, _FOOTPRINT_CELL)
-    at = np.clip(at, 0, np.array(inside.shape) - 1)
-    taken = np.zeros(ix.shape, dtype=bool)
-    taken[tuple((index - low).T)] = True
-    return cells[inside[tuple(at.T)] & ~taken.ravel()]
+    if float(np.prod((high - low + 1).astype(np.float64))) > _CELLS_A_POINT * max_points:
+        raise TooManyPoints(
+            f"With voxels of {voxel_size} m floor and ceiling are too many points; "
+            f"at most {max_points} are made. Choose a larger voxel size.",
+            max_points=max_points,
+        )
+    x, y = (np.arange(low[k], high[k] + 1) for k in (0, 1))
+    free = footprint(xy).at((x + 0.5) * voxel_size, (y + 0.5) * voxel_size)
+    free[tuple((index - low).T)] = False
+    return np.asarray(np.argwhere(free) + low, dtype=np.int64)
 
 
 def _jitter(cell: NDArray[np.int64], level: NDArray[np.int64], voxel_size: float) -> NDArray[np.float64]:
-    """Return (N, 2) offsets of at most 1 cm (and a quarter voxel) in length, by a hash of the voxel (splitmix64)."""
+    """Return (N, 2) offsets of at most 1 cm and a quarter voxel, by a hash of the voxel (splitmix64)."""
     with np.errstate(over="ignore"):
         h = cell[:, 0].astype(np.uint64) * np.uint64(0x9E3779B97F4A7C15)
         h ^= cell[:, 1].astype(np.uint64) * np.uint64(0xC2B2AE3D27D4EB4F)

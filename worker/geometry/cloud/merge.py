@@ -89,7 +89,14 @@ def compound(
     xy = wall_columns(walls, columns, size)
     check_size(xy, wall_height=height, voxel_size=size, max_points=bounds.max_map_points)
     parts = [extrude(xy, wall_height=height, voxel_size=size)]
-    parts += planes(xy, wall_height=height, voxel_size=size, floor=recipe.floor, ceiling=recipe.ceiling)
+    parts += planes(
+        xy,
+        wall_height=height,
+        voxel_size=size,
+        floor=recipe.floor,
+        ceiling=recipe.ceiling,
+        max_points=bounds.max_map_points,
+    )
     parts += [filter_cloud(x.cloud, recipe.layer_voxel_size_m, label=Label.LAYER) for x in layers]
     return PointCloud(np.vstack([p.points for p in parts]), np.concatenate([p.labels for p in parts]))
 

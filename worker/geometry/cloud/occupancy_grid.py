@@ -8,6 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.errors import TooManyPoints
 from worker.geometry.cloud.extrude import footprint, sample_polyline
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.voxel_grid import voxel_index
@@ -15,6 +16,7 @@ from worker.geometry.drawing.reading import Column, Wall
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 _BORDER_CELLS = 10
+_MOST_CELLS = 2e8
 _LOWEST, _HIGHEST = 0.1, 2.0
 
 
@@ -46,7 +48,8 @@ def occupancy_grid(
 ) -> OccupancyGrid:
     """Return the grid of what a robot on the floor meets, in frame `map`.
 
-    Occupied: wall bodies with their faces, columns, and layer points between 0.1 and 2.0 m above the floor. Free: what the
+    Occupied: wall bodies with their faces, columns, and layer points between 0.1 and 2.0 m above the floor.
+    Free: what the
     walls enclose, gaps of up to two metres counted as doors. The rest is unknown: the drawing does not tell.
     """
     points = [_body(w, resolution) for w in walls]
@@ -57,13 +60,15 @@ def occupancy_grid(
     occupied = np.vstack([solid, *stands])
     index = voxel_index(occupied, resolution)
     low, high = index.min(axis=0) - _BORDER_CELLS, index.max(axis=0) + _BORDER_CELLS
-    grid = np.full(high - low + 1, UNKNOWN, dtype=np.uint8)
-    inside, corner = footprint(solid, resolution)
-    start = np.rint(corner / resolution).astype(np.int64) - low
-    ix, iy = np.nonzero(inside)
-    ix, iy = ix + start[0], iy + start[1]
-    kept = (ix >= 0) & (iy >= 0) & (ix < grid.shape[0]) & (iy < grid.shape[1])
-    grid[ix[kept], iy[kept]] = FREE
+    shape = high - low + 1
+    if float(np.prod(shape.astype(np.float64))) > _MOST_CELLS:
+        raise TooManyPoints(
+            f"The map is {shape[0] * resolution:.0f} x {shape[1] * resolution:.0f} m: too large for an "
+            f"occupancy grid of {resolution} m. Choose a coarser occupancy_resolution_m, or look for stray walls."
+        )
+    grid = np.full(shape, UNKNOWN, dtype=np.uint8)
+    x, y = (np.arange(low[k], high[k] + 1) for k in (0, 1))
+    grid[footprint(solid).at((x + 0.5) * resolution, (y + 0.5) * resolution)] = FREE
     grid[tuple((index - low).T)] = OCCUPIED
     origin = low * resolution
     return OccupancyGrid(grid.T[::-1].copy(), (float(origin[0]), float(origin[1])), resolution)

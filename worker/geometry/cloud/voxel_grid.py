@@ -26,8 +26,9 @@ def voxel_grid_filter(
 ) -> NDArray[np.float64]:
     """Return one point for each voxel that holds any, safe to be written as float32.
 
-    ``centroid`` is PCL's ``VoxelGrid``: the mean of the voxel's points, which lies off the surface where a voxel
-    holds two wall faces. ``nearest-to-centre`` is one of the points themselves: the one nearest to the voxel's
+    ``centroid`` is PCL's ``VoxelGrid``: the mean of the voxel's points, which lies off the surface where a
+    voxel holds two wall faces. ``nearest-to-centre`` is one of the points themselves: the one nearest to the
+    voxel's
     centre, so it stays on its surface. The lattice starts at the frame's origin, so it does not depend on
     the extent of the points.
 
@@ -43,8 +44,8 @@ def voxel_grid_filter(
     Returns
     -------
     ndarray of shape (M, D), float64
-        Sorted by voxel (last axis slowest); each value is exact in float32 and stands a thousandth of the edge away
-        from the voxel's border, so that a reader's own rounding finds the same voxel.
+        Sorted by voxel (last axis slowest); each value is exact in float32 and stands a thousandth of the
+        edge away from the voxel's border, so that a reader's own rounding finds the same voxel.
 
     Raises
     ------
@@ -90,8 +91,8 @@ def inside_voxels(
     margin = max(_MARGIN * voxel_size, coarsest)
     if margin > voxel_size / 4:
         raise CoordinatesTooLarge(
-            f"At {np.abs(points).max():.0f} m from the origin float32 is too coarse for voxels of {voxel_size} m; "
-            "move the map nearer to its origin or choose larger voxels."
+            f"At {np.abs(points).max():.0f} m from the origin float32 is too coarse for voxels of "
+            f"{voxel_size} m; move the map nearer to its origin or choose larger voxels."
         )
     low = index * voxel_size
     clipped = np.clip(points, low + margin, low + voxel_size - margin)

@@ -1,4 +1,4 @@
-"""Setting aside what is no wall (paper, section 2.2, step 2): specks, text, symbols, dashes, patterns, thin lines."""
+"""What is no wall is set aside (paper, section 2.2, step 2): specks, text, symbols, dashes, light lines."""
 
 from __future__ import annotations
 
@@ -143,5 +143,5 @@ def wall_pen(strokes: Strokes, pairs: Pairs, candidates: NDArray[np.bool_], metr
 
 
 def light_pen(strokes: Strokes, pen: float) -> NDArray[np.bool_]:
-    """Return which strokes are drawn with a clearly lighter pen than the walls: furniture, dimension lines, hatches."""
+    """Return which strokes a clearly lighter pen drew: furniture, dimension lines, hatches."""
     return np.asarray(strokes.weight < _LIGHT_PEN * pen, dtype=np.bool_)

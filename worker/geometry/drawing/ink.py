@@ -40,7 +40,7 @@ class Ink:
     sheet_height: float
 
     def to_drawing(self, px: NDArray[np.float64]) -> NDArray[np.float64]:
-        """Return (N, 2) working pixel positions (x, y down, whole numbers at pixel centres) in frame `drawing`."""
+        """Return (N, 2) working pixels (x, y down; whole numbers are centres) in frame `drawing`."""
         xy = (px + 0.5) * self.metres_per_px
         return np.column_stack([xy[:, 0], self.sheet_height - xy[:, 1]])
 
@@ -48,7 +48,8 @@ class Ink:
 def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     """Return the ink of a (H, W) grey sheet.
 
-    The paper's own colour is found locally (what is brightest within 2.6 m, smoothed), so that shade, folds and tinted
+    The paper's own colour is found locally (what is brightest within 2.6 m, smoothed), so that shade, folds
+    and tinted
     paper are not taken for ink. Then the sheet is reduced to about 1 cm a pixel by the darkest pixel of each
     block, so that thin lines survive. Ink is what stands out from the paper by 40 % of the drawing's own dark
     strokes; what stands out by half of that counts where it touches such ink.
@@ -57,7 +58,7 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     -----
     About four bytes a pixel at the peak; 65 Mpx take about a second.
     """
-    full = cv2.subtract(_paper(grey, metres_per_px), grey)
+    full = np.asarray(cv2.subtract(_paper(grey, metres_per_px), grey), dtype=np.uint8)
     reduction = max(1, int(_FINEST / metres_per_px + 1e-9))
     contrast = _darkest(full, reduction)
     noise = float(np.median(contrast)) + 6.0 * _spread(contrast)
@@ -92,7 +93,8 @@ def _darkest(image: NDArray[np.uint8], k: int) -> NDArray[np.uint8]:
     if k == 1:
         return image
     padded = _padded(image, k)
-    return np.maximum.reduce([padded[i::k, j::k] for i in range(k) for j in range(k)])
+    darkest: NDArray[np.uint8] = np.maximum.reduce([padded[i::k, j::k] for i in range(k) for j in range(k)])
+    return darkest
 
 
 def _mean(image: NDArray[np.uint8], k: int) -> NDArray[np.uint8]:

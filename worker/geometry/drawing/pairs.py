@@ -1,8 +1,9 @@
-"""Parallel strokes at a wall's thickness, and regular patterns of parallel strokes (stairs, planks, tiles)."""
+"""Parallel strokes at a wall's thickness, and regular rows of parallels (stairs, planks, tiles)."""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import combinations
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,11 +38,12 @@ class Pairs:
 
 
 def find_pairs(strokes: Strokes, metres_per_px: float, *, among: NDArray[np.bool_] | None = None) -> Pairs:
-    """Return which strokes, of those `among` which to look, run parallel within 4 degrees, 5 to 50 cm apart, next to each other.
+    """Return which strokes of those `among` which to look run parallel, 5 to 50 cm apart, side by side.
 
     Notes
     -----
-    Each stroke is sampled every 5 cm; a sample looks for the nearest sample of a parallel stroke on each of its sides.
+    Parallel is within 4 degrees. Each stroke is sampled every 5 cm; a sample looks for the nearest sample
+    of a parallel stroke on each of its sides.
     """
     wanted = np.arange(len(strokes)) if among is None else np.flatnonzero(among)
     xy, owner, direction = _samples(strokes.take(wanted), metres_per_px)
@@ -91,7 +93,7 @@ def _counted(a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.fl
 
 
 def regular_patterns(strokes: Strokes, pairs: Pairs, *, least_members: int = 5) -> NDArray[np.bool_]:
-    """Return which strokes belong to a row of at least `least_members` parallels at one spacing and like length.
+    """Return which strokes belong to a row of `least_members` or more alike parallels at one spacing.
 
     Stair treads, planks and tiles lie at wall spacing, but walls do not come in rows.
     """
@@ -100,14 +102,21 @@ def regular_patterns(strokes: Strokes, pairs: Pairs, *, least_members: int = 5) 
         length[pairs.first], length[pairs.second]
     )
     first, second, spacing = pairs.first[alike], pairs.second[alike], pairs.spacing[alike]
-    neighbours: dict[int, list[tuple[int, float]]] = {}
-    for i, j, d in zip(first.tolist(), second.tolist(), spacing.tolist(), strict=True):
-        neighbours.setdefault(i, []).append((j, d))
-        neighbours.setdefault(j, []).append((i, d))
-    parent = list(range(len(pairs.first)))
-    index = {}
-    for k, (i, j) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
-        index[i, j] = index[j, i] = k
+    links = list(zip(first.tolist(), second.tolist(), spacing.tolist(), strict=True))
+    out = np.zeros(len(strokes), dtype=bool)
+    for members in _rows(strokes, links):
+        if len(members) >= least_members:
+            out[list(members)] = True
+    return out
+
+
+def _rows(strokes: Strokes, links: list[tuple[int, int, float]]) -> list[set[int]]:
+    """Return sets of strokes: two links of one stroke, to either side and of one spacing, continue a row."""
+    at: dict[int, list[int]] = {}
+    for k, (i, j, _) in enumerate(links):
+        at.setdefault(i, []).append(k)
+        at.setdefault(j, []).append(k)
+    parent = list(range(len(links)))
 
     def root(k: int) -> int:
         while parent[k] != k:
@@ -115,22 +124,21 @@ def regular_patterns(strokes: Strokes, pairs: Pairs, *, least_members: int = 5) 
             k = parent[k]
         return k
 
-    for i, links in neighbours.items():
-        for n, (j, d) in enumerate(links):
-            for m, e in links[n + 1 :]:
-                if abs(d - e) <= max(0.02, 0.12 * d) and not _same_side(strokes, i, j, m):
-                    parent[root(index[i, j])] = root(index[i, m])
+    for i, own in at.items():
+        for k, n in combinations(own, 2):
+            d, e = links[k][2], links[n][2]
+            others = [links[q][0] + links[q][1] - i for q in (k, n)]
+            if abs(d - e) <= max(0.02, 0.12 * d) and not _same_side(strokes, i, *others):
+                parent[root(k)] = root(n)
     rows: dict[int, set[int]] = {}
-    for k, (i, j) in enumerate(zip(first.tolist(), second.tolist(), strict=True)):
+    for k, (i, j, _) in enumerate(links):
         rows.setdefault(root(k), set()).update((i, j))
-    out = np.zeros(len(strokes), dtype=bool)
-    for members in rows.values():
-        if len(members) >= least_members:
-            out[list(members)] = True
-    return out
+    return list(rows.values())
 
 
 def _same_side(strokes: Strokes, i: int, j: int, m: int) -> bool:
-    middle = strokes.ends.mean(axis=1)
-    normal = strokes.direction[i][::-1] * np.array([-1.0, 1.0])
-    return bool(((middle[j] - middle[i]) @ normal) * ((middle[m] - middle[i]) @ normal) > 0)
+    middle = strokes.ends[[i, j, m]].mean(axis=1)
+    along = strokes.ends[i, 1] - strokes.ends[i, 0]
+    off = middle[1:] - middle[0]
+    across = along[0] * off[:, 1] - along[1] * off[:, 0]
+    return bool(across[0] * across[1] > 0)

@@ -42,17 +42,18 @@ def read_raster(
 ) -> Reading:
     """Return the walls of a sheet, and everything that was set aside with its reason.
 
-    A first honest cleaning: what is no wall is told by size, pen weight, dashes, regular rows, parallel faces and
-    connection. Curved single-line walls and walls of a lighter pen than others may be set aside; furniture drawn with the
-    walls' pen and joined to them may stay.
+    A first honest cleaning: what is no wall is told by size, pen weight, dashes, regular rows, parallel
+    faces and
+    connection. Curved single-line walls and walls of a lighter pen than others may be set aside; furniture
+    drawn with the walls' pen and joined to them may stay.
 
     Parameters
     ----------
     grey : ndarray of shape (H, W), uint8
         255 is bare paper; row 0 is the top.
     metres_per_px : float or None
-        Scale. While it is unknown, sizes are judged as if the drawn extent were 30 m, which a finding says, and
-        coordinates are pixels.
+        Scale. While it is unknown, sizes are judged as if the drawn extent were 30 m, which a finding says,
+        and coordinates are pixels.
     progress : callable, optional
         Told the stage and the share done; what it raises ends the work.
 
@@ -82,9 +83,10 @@ def read_raster(
     tell("cleanup", 0.55)
     walls, columns, removed, style = _sort_out(ink, strokes, tell)
     if not walls:
+        wide, high = (n * scale for n in grey.shape[::-1])
         raise NoWallsFound(
             f"None of the {len(strokes)} strokes on the sheet looks like a wall. Check the scale: "
-            f"at {scale:.5g} m a pixel the sheet is {grey.shape[1] * scale:.1f} x {grey.shape[0] * scale:.1f} m."
+            f"at {scale:.5g} m a pixel the sheet is {wide:.1f} x {high:.1f} m."
         )
     size = (grey.shape[1] * scale, grey.shape[0] * scale)
     reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, ())
@@ -169,7 +171,8 @@ def _without_parts(ink: Ink, strokes: Strokes, which: NDArray[np.bool_]) -> NDAr
 def _line_width(strokes: Strokes, m: float) -> float:
     order = np.argsort(strokes.width, kind="stable")
     share = np.cumsum(strokes.length[order]) / max(float(strokes.length.sum()), 1e-9)
-    return float(strokes.width[order[min(np.searchsorted(share, 0.2), len(order) - 1)]] * m)
+    at = min(int(np.searchsorted(share, 0.2)), len(order) - 1)
+    return float(strokes.width[order[at]] * m)
 
 
 def _mostly_in(strokes: Strokes, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
@@ -201,8 +204,8 @@ def _in_pixels(reading: Reading, scale: float) -> Reading:
     finding = Finding(
         "scale-unknown",
         "serious",
-        "The scale is not known: coordinates are pixels, and sizes were judged as if the longer side of the sheet "
-        f"were {_ASSUMED_EXTENT:g} m.",
+        "The scale is not known: coordinates are pixels, and sizes were judged as if the longer side "
+        f"of the sheet were {_ASSUMED_EXTENT:g} m.",
     )
     return Reading(
         tuple(

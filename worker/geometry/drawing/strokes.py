@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 
 import cv2
 import numba
@@ -66,20 +67,21 @@ def find_strokes(ink: Ink, mask: NDArray[np.bool_]) -> Strokes:
 
     Notes
     -----
-    Skeleton by `skimage.morphology.skeletonize`; branches between junctions; Douglas-Peucker within 1.2 cm (at least
+    Skeleton by `skimage.morphology.skeletonize`; branches between junctions; Douglas-Peucker within 1.2 cm
+    (at least
     1.3 px); pieces whose ends meet within 5 px and that turn by less than 5 degrees become one stroke.
     """
-    skeleton = skeletonize(mask)
+    skeleton = np.asarray(skeletonize(mask), dtype=np.bool_)  # type: ignore[no-untyped-call]
     half = cv2.distanceTransform(np.pad(mask, 1).astype(np.uint8), cv2.DIST_L2, 5)[1:-1, 1:-1]
     _, parts = cv2.connectedComponents(mask.astype(np.uint8), connectivity=8)
     summed = cv2.boxFilter(ink.contrast, cv2.CV_32F, (7, 7), normalize=False) / 7.0
     order, starts = branches(skeleton)
     tolerance = max(_STRAIGHT_PX, _STRAIGHT / ink.metres_per_px)
     ends, width, weight, part = [], [], [], []
-    for a, b in zip(starts[:-1], starts[1:], strict=True):
+    for a, b in pairwise(starts.tolist()):
         path = order[a:b]
         corner = _corners(path, tolerance)
-        for i, j in zip(corner[:-1], corner[1:], strict=True):
+        for i, j in pairwise(corner.tolist()):
             middle = path[i : j + 1]
             rows, columns = middle[:, 0], middle[:, 1]
             ends.append((path[i, ::-1], path[j, ::-1]))
@@ -98,7 +100,7 @@ def find_strokes(ink: Ink, mask: NDArray[np.bool_]) -> Strokes:
 
 
 def branches(skeleton: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the skeleton's pixels as (M, 2) rows and columns, branch after branch in walking order, and the starts.
+    """Return the skeleton's pixels as (M, 2) rows and columns in walking order, and where branches start.
 
     Junction pixels (three neighbours or more) belong to no branch. A closed loop is cut at its first pixel.
     """
@@ -115,11 +117,11 @@ def branches(skeleton: NDArray[np.bool_]) -> tuple[NDArray[np.int64], NDArray[np
     return np.column_stack([rows - 1, columns - 1]), starts
 
 
-@numba.njit(cache=True)  # type: ignore[untyped-decorator]
+@numba.njit(cache=True)
 def _walk(  # pragma: no cover - compiled
     paths: NDArray[np.uint8], seeds: NDArray[np.int64], width: int
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return flat pixel indices in walking order from each seed not yet visited, and where each walk starts."""
+    """Return flat pixel indices in walking order from each unvisited seed, and where walks start."""
     left = paths.copy()
     order = np.zeros(len(seeds), dtype=np.int64)
     starts = np.zeros(len(seeds) + 1, dtype=np.int64)
@@ -207,7 +209,7 @@ def _fit(pieces: Strokes, group: NDArray[np.intp]) -> Strokes:
     length = np.maximum(pieces.length, 1e-3)
 
     def total(value: NDArray[np.float64]) -> NDArray[np.float64]:
-        return np.bincount(group, weights=value, minlength=count)
+        return np.asarray(np.bincount(group, weights=value, minlength=count), dtype=np.float64)
 
     whole = total(length)
     middle = pieces.ends.mean(axis=1)

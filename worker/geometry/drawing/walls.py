@@ -35,7 +35,8 @@ def filled_walls(
 ) -> tuple[list[Wall], list[Column], list[NDArray[np.float64]]]:
     """Return walls drawn as bars, with the drawn width as thickness, piers as columns, and what is neither.
 
-    The third is the middle lines of thick parts that are too short for a wall and no pier: arrow heads, blots.
+    The third is the middle lines of thick parts that are too short for a wall and no pier: arrow heads,
+    blots.
     """
     m = ink.metres_per_px
     strokes = find_strokes(ink, thick)
@@ -109,7 +110,7 @@ def _mark(
     shared: NDArray[np.float64],
     used: NDArray[np.bool_],
 ) -> NDArray[np.float64]:
-    """Return the piece of a stroke within the `shared` stretch along a direction, and mark its cells as used."""
+    """Return the piece of a stroke in the `shared` stretch along a direction; mark its cells as used."""
     t = ends @ along
     share = (shared - t[0]) / (t[1] - t[0])
     first, last = np.sort(share) * len(used)
@@ -137,8 +138,8 @@ def single_walls(
 ) -> NDArray[np.bool_]:
     """Return which candidate strokes are walls drawn as one line: long ones that lead from wall to wall.
 
-    `anchored` strokes are walls already; a candidate of at least 70 cm with an end on a wall joins them, and then
-    carries others. Where the drawing has no pair at all, every long candidate counts.
+    `anchored` strokes are walls already; a candidate of at least 70 cm with an end on a wall joins them,
+    and then carries others. Where the drawing has no pair at all, every long candidate counts.
     """
     m = ink.metres_per_px
     long = candidates & (strokes.length * m >= _MIN_SINGLE)
