@@ -14,12 +14,25 @@ from pathlib import Path
 TRANSACTIONS: frozenset[str] = frozenset(
     {
         # service
+        "create-first-key",
+        "create-key",
+        "revoke-key",
+        "create-map",
+        "change-map",
+        "revise",
+        "place-scan",
+        "accept-placement",
+        "publish",
+        "cancel-job",
+        "retry-job",
+        "forget-answers",
         "receive-drawing",
         "receive-scan",
         "reread-drawing",
         "create-upload",
         "finish-upload",
         "terminate-upload",
+        "sweep-uploads",
         # worker
         "claim-job",
         "beat-job",
@@ -33,7 +46,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""
 
-MESSAGES: frozenset[str] = frozenset({"job", "ready", "progress", "done", "failed"})
+MESSAGES: frozenset[str] = frozenset({"job", "ready", "started", "progress", "done", "failed", "ended"})
 """Every message between a worker and its child; each has the points before-send and after-send."""
 
 CRASH_POINTS: frozenset[str] = (

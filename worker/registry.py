@@ -4,10 +4,32 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 
+import cv2
+import numpy as np
+
 from service.domain.lifecycle import JobKind
 from worker.context import JobContext
+from worker.geometry.drawing.read import read_raster
 from worker.handlers.read_drawing import read_drawing
 
 HANDLERS: Mapping[JobKind, Callable[[JobContext], None]] = {
     JobKind.READ_DRAWING: read_drawing,
 }
+
+
+def prepare() -> None:
+    """Load what jobs need beyond imports: one tiny drawing is read, so that compiled code is in memory.
+
+    No library may start threads here, since a fork does not take them along: OpenCV is told so, and
+    kernels that numba runs in parallel are left to the job.
+    """
+    cv2.setNumThreads(0)
+    sheet = np.full((200, 240), 255, dtype=np.uint8)
+    sheet[40:155, 40:200] = 0
+    sheet[45:150, 45:195] = 255
+    read_raster(sheet, metres_per_px=0.05)
+
+
+def after_fork() -> None:
+    """Let libraries use threads again, in the process of a job."""
+    cv2.setNumThreads(-1)

@@ -22,7 +22,7 @@ from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
 from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut
 from service.usecases.kernel import Kernel
-from worker.process import Child, Limits
+from worker.process import Limits, WarmChild
 
 _READY_TIMEOUT_S = 120.0
 _STILLBORN_MAX = 5
@@ -55,12 +55,13 @@ class _Watch:
     """Hold what the parent knows of the running attempt; times are monotonic seconds."""
 
     attempt: Attempt
-    child: Child
+    child: WarmChild
     started_at: float
     beaten_at: float
     verdict: Callable[[Session], None] | None = None
     told: dict[str, Any] = field(default_factory=dict)
-    is_over: bool = False
+    last_word: dict[str, Any] | None = None
+    is_broken_off: bool = False
 
 
 class Runner:
@@ -82,7 +83,7 @@ class Runner:
         self._terms = terms
         self._stopping = threading.Event()
         self._stop_by = float("inf")
-        self._spare: Child | None = None
+        self._child: WarmChild | None = None
         self._swept_at = float("-inf")
 
     def stop(self, _signal: int = signal.SIGTERM, _frame: object = None) -> None:
@@ -101,14 +102,15 @@ class Runner:
         self._terms.folder.mkdir(parents=True, exist_ok=True)
         try:
             while not self._stopping.is_set():
-                self._prepare()
-                self._turn()
+                child = self._prepare()
+                if child is not None:
+                    self._turn(child)
         finally:
-            if self._spare is not None:
-                self._spare.end()
+            if self._child is not None:
+                self._child.end()
             self._delivery.close()
 
-    def _turn(self) -> None:
+    def _turn(self, child: WarmChild) -> None:
         """Do one job if there is one."""
         try:
             self._sweep()
@@ -117,24 +119,25 @@ class Runner:
                 return
             attempt = self._claim(job_id)
             if attempt is not None:
-                self._work(attempt)
+                self._work(attempt, child)
             self._delivery.done()
         except DatabaseBusy as busy:
             log.warning("the database did not answer", cause=busy.members.get("cause"))
             self._stopping.wait(1.0)
 
-    def _prepare(self) -> None:
-        """Have a child ready whose imports are done."""
+    def _prepare(self) -> WarmChild | None:
+        """Return the child whose imports are done; None when it is time to stop."""
         for _ in range(_STILLBORN_MAX):
-            if self._spare is None:
-                self._spare = Child()
+            if self._child is None or self._child.has_ended:
+                self._child = WarmChild()
             until = time.monotonic() + _READY_TIMEOUT_S
-            while time.monotonic() < until and not self._spare.has_ended:
-                if self._stopping.is_set() or self._spare.wait_ready(timeout_s=_LISTEN_S):
-                    return
-            log.warning("a child ended before it was ready", how=self._spare.how_it_ended())
-            self._spare.end()
-            self._spare = None
+            while time.monotonic() < until and not self._child.has_ended:
+                if self._stopping.is_set():
+                    return None
+                if self._child.wait_ready(timeout_s=_LISTEN_S):
+                    return self._child
+            self._child.end()
+            log.warning("a child ended before it was ready", how=self._child.how_it_ended())
             self._stopping.wait(1.0)
         raise NoChild
 
@@ -149,43 +152,47 @@ class Runner:
                 now=self._kernel.now(),
             )
 
-    def _work(self, attempt: Attempt) -> None:
-        """Let the spare child do the job, start the next spare, and settle how it ended."""
-        assert self._spare is not None
-        child, self._spare = self._spare, None
+    def _work(self, attempt: Attempt, child: WarmChild) -> None:
+        """Let the child do the job, watch it, and settle how it ended."""
         bound = log.bind(job=attempt.job_id, kind=str(attempt.kind), attempt=attempt.attempt)
         bound.info("job started")
         workdir = self._terms.folder / attempt.token
         workdir.mkdir()
+        now = time.monotonic()
+        watch = _Watch(attempt, child, started_at=now, beaten_at=now)
         try:
             child.hand_over(attempt, workdir=workdir, limits=self._terms.limits)
-            self._spare = Child()
-            now = time.monotonic()
-            watch = _Watch(attempt, child, started_at=now, beaten_at=now)
-            while not watch.is_over:
+            while child.is_working:
                 self._listen(watch)
                 self._guard(watch)
+            self._judge(watch)
         finally:
-            child.end()
+            if child.is_working:
+                child.end()
             shutil.rmtree(workdir, ignore_errors=True)
         self._settle(watch)
         bound.info("job ended", seconds=round(time.monotonic() - watch.started_at, 3))
 
     def _listen(self, watch: _Watch) -> None:
-        """Take what the child says; its end without a word is a death."""
-        for message in watch.child.messages(timeout_s=_LISTEN_S):
+        """Take what the job says."""
+        for message in watch.child.listen(timeout_s=_LISTEN_S):
             if message["message"] == "progress":
                 watch.told = {"stage": message["stage"], "fraction": message["fraction"]}
-            elif message["message"] == "done":
-                watch.is_over = True
-            elif message["message"] == "failed":
-                watch.is_over, watch.verdict = True, self._verdict(watch.attempt, message)
-        if watch.child.has_ended and not watch.is_over:
-            watch.is_over, watch.verdict = True, self._death(watch)
+            else:
+                watch.last_word = message
+
+    def _judge(self, watch: _Watch) -> None:
+        """Decide what becomes of a job that ended by itself; its end without a word is a death."""
+        if watch.is_broken_off:
+            return
+        if watch.last_word is None:
+            watch.verdict = self._death(watch)
+        elif watch.last_word["message"] == "failed":
+            watch.verdict = self._verdict(watch.attempt, watch.last_word)
 
     def _guard(self, watch: _Watch) -> None:
         """Beat when it is time; end what is cancelled, lost, over a limit, or to be given back."""
-        if watch.is_over:
+        if not watch.child.is_working or watch.last_word is not None:
             return
         now, attempt, limits = time.monotonic(), watch.attempt, self._terms.limits
         if watch.child.memory_bytes() > limits.memory_bytes:
@@ -205,7 +212,7 @@ class Runner:
                     session, attempt, lease_s=self._terms.lease_s, now=self._kernel.now(), **watch.told
                 )
         except LeaseLost:
-            log.warning("the job is no longer this worker's", job=attempt.job_id)
+            log.info("the job has just ended, or another worker took over", job=attempt.job_id)
             self._break_off(watch, None)
             return
         except DatabaseBusy:
@@ -217,8 +224,8 @@ class Runner:
 
     def _break_off(self, watch: _Watch, verdict: Callable[[Session], None] | None) -> None:
         """Kill the child, then judge: what it has committed by then stands."""
-        watch.child.end()
-        watch.is_over, watch.verdict = True, verdict
+        watch.child.end_job()
+        watch.is_broken_off, watch.verdict = True, verdict
 
     def _verdict(self, attempt: Attempt, message: dict[str, Any]) -> Callable[[Session], None] | None:
         """Return what becomes of a job whose child says that it failed."""
