@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import hashlib
 import re
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Annotated
 
 from fastapi import Depends, Header, Path, Request, Response
 from pydantic import BaseModel
 
 from service.api.problems import base_url_of
+from service.domain.bounds import Bounds
 from service.domain.errors import InvalidRequest
 from service.usecases.answer import Answered, IdempotentRequest
 from service.usecases.kernel import Kernel
@@ -27,6 +28,7 @@ class Limits:
     max_upload_bytes: int
     upload_expiry_s: float
     idempotency_expiry_s: float
+    bounds: Bounds = field(default_factory=Bounds)
 
 
 def _kernel(request: Request) -> Kernel:

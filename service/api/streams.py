@@ -289,7 +289,7 @@ def _boundary(request: Request) -> bytes:
     boundary = options.get(b"boundary", b"")
     if kind != b"multipart/form-data" or not 1 <= len(boundary) <= 200:
         raise UnsupportedMedia(
-            "The body has to be a form (`multipart/form-data; boundary=...`) with the file in its part 'file'.",
+            "The body has to be a form (`multipart/form-data; boundary=...`) with a part 'file'.",
             found=kind.decode(errors="replace")[:100],
         )
     return boundary

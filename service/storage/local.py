@@ -147,7 +147,8 @@ class LocalBlobStore:
                 _bring(path, name, keep_source=keep_source)
                 fd = os.open(name, os.O_RDONLY | os.O_CLOEXEC)
                 try:
-                    fcntl.flock(fd, fcntl.LOCK_EX)
+                    with suppress(BlockingIOError):  # then the caller holds it, which protects it as well
+                        fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
                     stored = _measure(fd)
                     self.settle(name, fd, stored)
                 finally:

@@ -7,11 +7,10 @@ from dataclasses import dataclass
 from sqlalchemy.orm import Session
 
 from service.db.blobs import record_blob
-from service.db.maps import find_map
 from service.domain.access import Actor
-from service.domain.errors import MapNotFound
 from service.domain.lifecycle import Role
 from service.usecases.kernel import Kernel
+from service.usecases.maps import covered_map
 
 
 @dataclass(frozen=True)
@@ -45,10 +44,7 @@ def require_receiver(session: Session, actor: Actor, map_id: str) -> None:
         If there is no such map, or the actor's key does not cover it.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
-    missing = MapNotFound(f"There is no map {map_id}.")
-    actor.require_map(map_id, otherwise=missing)
-    if find_map(session, map_id) is None:
-        raise missing
+    covered_map(session, actor, map_id=map_id)
 
 
 def record_file(kernel: Kernel, session: Session, file: ReceivedFile) -> None:

@@ -1,0 +1,336 @@
+"""Uploads in pieces, by the tus protocol 1.0: a connection that drops costs nothing."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Coroutine
+from contextlib import ExitStack, suppress
+from dataclasses import dataclass
+from email.utils import format_datetime
+from typing import Annotated, Any
+
+from fastapi import APIRouter, Depends, Header, Request, Response
+from fastapi.routing import APIRoute
+from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
+
+from service.api import problems
+from service.api.auth import TabletActor
+from service.api.deps import IdempotencyKey, KernelDep, Limits, LimitsDep, idempotent, request_digest, respond
+from service.api.schemas.tus import announced_of, count_of, invalid_header
+from service.api.streams import UNLIMITED, batches, refuse_by_length
+from service.db.models import Upload
+from service.domain.access import Actor
+from service.domain.checksum import ALGORITHMS, Checksum
+from service.domain.errors import (
+    DomainError,
+    Rejected,
+    TusVersionUnsupported,
+    UnsupportedMedia,
+    UploadBusy,
+    UploadOffsetMismatch,
+)
+from service.storage.pieces import Appender, PieceStore
+from service.usecases.answer import Answered, IdempotentRequest, answer_once
+from service.usecases.kernel import Kernel
+from service.usecases.resumable_upload import (
+    Announced,
+    begin_upload,
+    check_beginning,
+    finish_upload,
+    own_upload,
+    terminate_upload,
+)
+
+_VERSION = "1.0.0"
+_EXTENSIONS = "creation,expiration,termination,checksum"
+_PIECE = "application/offset+octet-stream"
+_SILENCE_S = 15.0
+
+
+class _TusRoute(APIRoute):
+    """A route whose answers, refusals included, name the version of the protocol."""
+
+    def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
+        handle = super().get_route_handler()
+
+        async def speak_tus(request: Request) -> Response:
+            try:
+                response = await handle(request)
+            except DomainError as error:
+                response = problems.answer(error, base_url=problems.base_url_of(request))
+                if isinstance(error, TusVersionUnsupported):
+                    response.headers["Tus-Version"] = _VERSION
+                if isinstance(error, UploadBusy):
+                    response.headers["Retry-After"] = str(error.members["retry_after_s"])
+            response.headers["Tus-Resumable"] = _VERSION
+            response.headers["Cache-Control"] = "no-store"
+            return response
+
+        return speak_tus
+
+
+def _require_version(
+    request: Request,
+    tus_resumable: Annotated[
+        str | None, Header(description="Version of the protocol.", examples=[_VERSION])
+    ] = None,
+) -> None:
+    if request.method != "OPTIONS" and tus_resumable != _VERSION:
+        raise TusVersionUnsupported(
+            f"Send `Tus-Resumable: {_VERSION}`; the request has {tus_resumable!r}.", supported=[_VERSION]
+        )
+
+
+router = APIRouter(
+    prefix="/v1/tus",
+    tags=["resumable uploads"],
+    route_class=_TusRoute,
+    dependencies=[Depends(_require_version)],
+    max_body_size=UNLIMITED,
+)
+
+
+@dataclass(frozen=True)
+class _Desk:
+    """What every request here works with: who asks, where pieces and rows lie, and the limits."""
+
+    kernel: Kernel
+    actor: Actor
+    pieces: PieceStore
+    limits: Limits
+
+
+def _desk(request: Request, kernel: KernelDep, actor: TabletActor, limits: LimitsDep) -> _Desk:
+    return _Desk(kernel, actor, request.app.state.pieces, limits)
+
+
+Desk = Annotated[_Desk, Depends(_desk)]
+
+
+@dataclass(frozen=True)
+class _Creation:
+    """The headers that begin an upload."""
+
+    announced: Announced
+    size_bytes: int
+    once: IdempotentRequest | None
+
+
+def _creation(
+    request: Request,
+    limits: LimitsDep,
+    upload_length: Annotated[str | None, Header(description="Size of the whole file [bytes].")] = None,
+    upload_metadata: Annotated[
+        str | None,
+        Header(
+            description="Keys with base64 values, by commas: `map_id`, `kind` (`drawing` or `scan`),"
+            " `filename`, `options` (JSON; of a drawing `scale` and `page`, of a scan `rough_pose`)."
+        ),
+    ] = None,
+    idempotency_key: IdempotencyKey = None,
+) -> _Creation:
+    digest = request_digest(request)
+    digest.update(f"{upload_length}\n{upload_metadata}".encode())
+    return _Creation(
+        announced_of(upload_metadata),
+        count_of("Upload-Length", upload_length),
+        idempotent(idempotency_key, digest=digest, limits=limits),
+    )
+
+
+@dataclass(frozen=True)
+class _Piece:
+    """The headers of a piece."""
+
+    offset: int
+    checksum: Checksum | None
+
+
+def _piece(
+    upload_offset: Annotated[str | None, Header(description="Where the piece begins [bytes].")] = None,
+    upload_checksum: Annotated[
+        str | None,
+        Header(
+            description="`sha1` or `sha256`, a blank, and the piece's digest in base64.",
+            examples=["sha1 Kq5sNclPz7QV2+lfQIuc6R7oRu0="],
+        ),
+    ] = None,
+) -> _Piece:
+    checksum = None if upload_checksum is None else Checksum(upload_checksum)
+    return _Piece(count_of("Upload-Offset", upload_offset), checksum)
+
+
+@router.options("", status_code=204)
+@router.options("/{upload_id}", status_code=204, include_in_schema=False)
+def describe_tus(limits: LimitsDep) -> Response:
+    """Tell what this server speaks of tus: version, extensions, largest upload, checksums. Needs no key."""
+    headers = {
+        "Tus-Version": _VERSION,
+        "Tus-Extension": _EXTENSIONS,
+        "Tus-Max-Size": str(limits.max_upload_bytes),
+        "Tus-Checksum-Algorithm": ",".join(ALGORITHMS),
+    }
+    return Response(status_code=204, headers=headers)
+
+
+@router.post("", status_code=201, max_body_size=0)
+def create_upload(
+    request: Request, desk: Desk, creation: Annotated[_Creation, Depends(_creation)]
+) -> Response:
+    """Begin an upload in pieces; `Location` is where the pieces go, `Upload-Expires` until when."""
+
+    def act(session: Session) -> Answered:
+        upload = begin_upload(
+            desk.kernel,
+            session,
+            desk.actor,
+            pieces=desk.pieces,
+            announced=creation.announced,
+            size_bytes=creation.size_bytes,
+            max_bytes=desk.limits.max_upload_bytes,
+            expiry_s=desk.limits.upload_expiry_s,
+        )
+        location = f"{problems.base_url_of(request)}{router.prefix}/{upload.id}"
+        return Answered(201, {"Location": location, **_expiry(upload)})
+
+    done = answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
+    return respond(done)
+
+
+@router.head("/{upload_id}", status_code=200)
+def find_offset(desk: Desk, upload_id: str) -> Response:
+    """Tell how many bytes are safely on disk: `Upload-Offset`, from where the next piece goes on.
+
+    When all are there, `Groundplan-Result` names the drawing or scan that the upload has become and
+    `Groundplan-Job` the job that reads it, also when the answer to the last piece was lost. Where neither
+    comes, an empty last piece is answered with the reason.
+    """
+    upload = _find(desk, upload_id)
+    offset = upload.size_bytes if upload.result is not None else desk.pieces.size_bytes(upload_id)
+    headers = {"Upload-Length": str(upload.size_bytes)}
+    if offset == upload.size_bytes:
+        with suppress(UploadBusy, Rejected):
+            headers |= _finish(desk, upload)
+    return _at(offset, upload, headers)
+
+
+@router.patch(
+    "/{upload_id}",
+    status_code=204,
+    openapi_extra={
+        "requestBody": {
+            "required": True,
+            "content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}},
+        }
+    },
+)
+async def append_piece(
+    request: Request, desk: Desk, piece: Annotated[_Piece, Depends(_piece)], upload_id: str
+) -> Response:
+    """Append a piece of any size, from `Upload-Offset` on.
+
+    Without `Upload-Checksum` every byte counts that arrives, also of a piece that breaks off; with it the
+    piece counts when its digest fits, or not at all (460). The answer to the last piece names in
+    `Groundplan-Result` the drawing or scan that the upload has become, and in `Groundplan-Job` its job.
+    """
+    if request.headers.get("content-type") != _PIECE:
+        raise UnsupportedMedia(f"A piece has the content type {_PIECE}.")
+    upload = await run_in_threadpool(_find, desk, upload_id)
+    offset = upload.size_bytes
+    if upload.result is None:
+        offset = await _append(request, desk.pieces, upload, piece)
+    else:
+        _require_offset(piece.offset, offset)
+        refuse_by_length(request, max_bytes=0)
+    headers = {}
+    if offset == upload.size_bytes:
+        headers = await run_in_threadpool(_finish, desk, upload)
+    return _at(offset, upload, headers, status=204)
+
+
+@router.delete("/{upload_id}", status_code=204)
+def give_up_upload(desk: Desk, upload_id: str) -> Response:
+    """Forget an upload and what has come of it; a drawing or scan that it has already become stays."""
+    upload = _find(desk, upload_id)
+    with ExitStack() as stack:
+        if upload.result is None:
+            stack.enter_context(desk.pieces.append(upload_id, max_bytes=upload.size_bytes))
+        with desk.kernel.db.writing("terminate-upload") as session:
+            terminate_upload(desk.kernel, session, desk.actor, upload_id=upload_id)
+        desk.pieces.remove(upload_id)
+    return Response(status_code=204)
+
+
+@router.post("/{upload_id}", status_code=204, include_in_schema=False)
+async def override_method(request: Request, desk: Desk, upload_id: str) -> Response:
+    """Do as PATCH or DELETE, for clients that can only POST and say so in `X-HTTP-Method-Override`."""
+    method = request.headers.get("x-http-method-override", "").upper()
+    if method == "PATCH":
+        piece = _piece(request.headers.get("upload-offset"), request.headers.get("upload-checksum"))
+        return await append_piece(request, desk, piece, upload_id)
+    if method == "DELETE":
+        return await run_in_threadpool(give_up_upload, desk, upload_id)
+    raise invalid_header(
+        "X-HTTP-Method-Override", "A POST to an upload needs X-HTTP-Method-Override: PATCH or DELETE."
+    )
+
+
+async def _append(request: Request, pieces: PieceStore, upload: Upload, piece: _Piece) -> int:
+    """Return the new offset, after all bytes of the piece that count are on disk."""
+    opened = pieces.append(upload.id, max_bytes=upload.size_bytes)
+    appender = await run_in_threadpool(opened.__enter__)
+    try:
+        _require_offset(piece.offset, appender.size_bytes)
+        check_beginning(upload, appender)
+        refuse_by_length(request, max_bytes=upload.size_bytes - piece.offset)
+        await _take(request, appender, piece.checksum)
+        check_beginning(upload, appender)
+    finally:
+        await run_in_threadpool(opened.__exit__, None, None, None)
+    return appender.size_bytes
+
+
+async def _take(request: Request, appender: Appender, checksum: Checksum | None) -> None:
+    def take(batch: bytes) -> None:
+        if checksum is None:
+            appender.write(batch)
+        else:
+            checksum.update(batch)
+            appender.write_aside(batch)
+
+    async for batch in batches(request, silence_s=_SILENCE_S):
+        await run_in_threadpool(take, batch)
+    if checksum is not None:
+        checksum.verify()
+        await run_in_threadpool(appender.accept)
+
+
+def _find(desk: _Desk, upload_id: str) -> Upload:
+    with desk.kernel.db.reading() as session:
+        return own_upload(desk.kernel, session, desk.actor, upload_id=upload_id)
+
+
+def _finish(desk: _Desk, upload: Upload) -> dict[str, str]:
+    result = finish_upload(
+        desk.kernel, desk.actor, pieces=desk.pieces, upload_id=upload.id, bounds=desk.limits.bounds
+    )
+    return {
+        "Groundplan-Result": f"/v1/{result['kind']}s/{result['id']}",
+        "Groundplan-Job": f"/v1/jobs/{result['job_id']}",
+    }
+
+
+def _require_offset(given: int, stored: int) -> None:
+    if given != stored:
+        raise UploadOffsetMismatch(
+            f"The piece begins at byte {given}, but {stored} bytes are stored; go on from there.",
+            upload_offset=stored,
+        )
+
+
+def _expiry(upload: Upload) -> dict[str, str]:
+    return {"Upload-Expires": format_datetime(upload.expires_at, usegmt=True)}
+
+
+def _at(offset: int, upload: Upload, headers: dict[str, str], *, status: int = 200) -> Response:
+    return Response(status_code=status, headers={"Upload-Offset": str(offset), **_expiry(upload), **headers})
