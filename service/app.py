@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import asyncio
 import secrets
+import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from datetime import UTC, datetime
@@ -12,21 +12,33 @@ from importlib.metadata import version
 from fastapi import FastAPI
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.types import ASGIApp
 
 from service.api import openapi, problems
 from service.api.deps import JSON_BODY_BYTES, Limits
+from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.metrics import Metrics
-from service.api.routes import maps
+from service.api.routes import maps, tus
 from service.api.routes import problems as problem_pages
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
+from service.domain.bounds import Bounds
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
+from service.storage.pieces import PieceStore
 from service.usecases.kernel import Kernel
 from service.usecases.stats import job_figures
 
-_ROUTERS = (maps.router, problem_pages.router)
+_ROUTERS = (maps.router, tus.router, problem_pages.router)
+
+
+class Application(FastAPI):
+    """The application with `Edge` around everything, its answers to defects and oversized bodies included."""
+
+    def build_middleware_stack(self) -> ASGIApp:
+        """Return what answers a request."""
+        return Edge(super().build_middleware_stack(), metrics=self.state.metrics)
 
 
 class SchemaNotCurrent(Exception):
@@ -92,7 +104,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
         if own:
             kernel.db.close()
 
-    app = FastAPI(
+    app = Application(
         title="Groundplan",
         version=version("groundplan"),
         summary="The point-cloud map of a 3D-LiDAR robot, from the building's drawing and tablet scans.",
@@ -107,13 +119,15 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.kernel = kernel
     app.state.metrics = metrics
     app.state.public_url = settings.public_url
-    app.state.stopping = asyncio.Event()
+    app.state.stopping = threading.Event()
     app.state.limits = Limits(
         max_upload_bytes=settings.max_upload_bytes,
         upload_expiry_s=settings.upload_expiry_s,
         idempotency_expiry_s=settings.idempotency_expiry_s,
+        bounds=Bounds(max_pixels=settings.max_pixels, max_points=settings.max_points),
     )
-    app.add_middleware(Edge, metrics=metrics)
+    app.state.pieces = PieceStore(settings.data_dir)
+    app.add_middleware(Drain)
     problems.install(app)
     for router in _ROUTERS:
         app.include_router(router)

@@ -8,13 +8,37 @@ import time
 from typing import Any
 
 import structlog
+from starlette.requests import Request
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from service.api.metrics import Metrics
-from service.api.problems import answer
-from service.domain.errors import InvalidRequest
+from service.api.problems import answer, base_url_of
+from service.domain.errors import DomainError, InvalidRequest, UploadTooLarge
 
+_TOO_LARGE = 413
 _REQUEST_ID = re.compile(rb"[\x21-\x7e]{1,100}")
+
+
+class _Sent:
+    """Pass on what is sent, with the request id; hold back the framework's own answer to a large body."""
+
+    def __init__(self, send: Send, request_id: str) -> None:
+        self._send = send
+        self._request_id = request_id
+        self.status = 0
+        self.withheld = False
+
+    async def __call__(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self.withheld = message["status"] == _TOO_LARGE and _is_plain_text(message)
+        if not self.withheld:
+            await self.send_as_is(message)
+
+    async def send_as_is(self, message: Message) -> None:
+        if message["type"] == "http.response.start":
+            self.status = message["status"]
+            message["headers"] = [*message["headers"], (b"x-request-id", self._request_id.encode())]
+        await self._send(message)
 
 
 class Edge:
@@ -38,28 +62,29 @@ class Edge:
             await self.app(scope, receive, send)
             return
         request_id = _request_id(scope)
-        status = 500
+        sent = _Sent(send, request_id)
         begun = time.perf_counter()
-
-        async def send_with_id(message: Message) -> None:
-            nonlocal status
-            if message["type"] == "http.response.start":
-                status = message["status"]
-                message["headers"] = [*message["headers"], (b"x-request-id", request_id.encode())]
-            await send(message)
-
         with structlog.contextvars.bound_contextvars(request_id=request_id):
             try:
-                if _holds_nul(scope):
-                    refusal = InvalidRequest(
-                        "The address holds a NUL character.",
-                        errors=[{"parameter": "path", "detail": "NUL is allowed nowhere."}],
-                    )
-                    await answer(refusal, base_url="")(scope, receive, send_with_id)
-                else:
-                    await self.app(scope, receive, send_with_id)
+                await self._answer(scope, receive, sent)
+            except Exception as error:
+                if not sent.status:
+                    raise
+                structlog.get_logger("service.access").debug("answered-defect", cause=repr(error))
             finally:
-                self._record(scope, status=status, seconds=time.perf_counter() - begun)
+                self._record(scope, status=sent.status or 500, seconds=time.perf_counter() - begun)
+
+    async def _answer(self, scope: Scope, receive: Receive, sent: _Sent) -> None:
+        base_url = base_url_of(Request(scope))
+        if _holds_nul(scope):
+            place = {"parameter": "path", "detail": "NUL is allowed nowhere."}
+            refusal: DomainError = InvalidRequest("The address holds a NUL character.", errors=[place])
+        else:
+            await self.app(scope, receive, sent)
+            if not sent.withheld:
+                return
+            refusal = UploadTooLarge("The body is larger than this route takes.")
+        await answer(refusal, base_url=base_url)(scope, receive, sent.send_as_is)
 
     def _record(self, scope: Scope, *, status: int, seconds: float) -> None:
         route: Any = scope.get("route")
@@ -77,6 +102,10 @@ class Edge:
 def _request_id(scope: Scope) -> str:
     given = next((value for name, value in scope["headers"] if name == b"x-request-id"), b"")
     return given.decode() if _REQUEST_ID.fullmatch(given) else secrets.token_hex(8)
+
+
+def _is_plain_text(message: Message) -> bool:
+    return any(k == b"content-type" and v.startswith(b"text/plain") for k, v in message["headers"])
 
 
 def _holds_nul(scope: Scope) -> bool:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from datetime import datetime
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -22,6 +21,16 @@ def latest_revision(session: Session, map_id: str, *, status: RevisionStatus) ->
     return session.scalars(
         select(Revision)
         .where(Revision.map_id == map_id, Revision.status == status.value)
+        .order_by(Revision.n.desc())
+        .limit(1)
+    ).one_or_none()
+
+
+def latest_living_revision(session: Session, map_id: str) -> Revision | None:
+    """Return the revision with the highest number that is ready or may become so, or None."""
+    return session.scalars(
+        select(Revision)
+        .where(Revision.map_id == map_id, Revision.status != RevisionStatus.FAILED.value)
         .order_by(Revision.n.desc())
         .limit(1)
     ).one_or_none()
@@ -90,16 +99,22 @@ def find_channel(session: Session, map_id: str, *, channel: str) -> Channel | No
     return session.get(Channel, (map_id, channel))
 
 
-def move_pointer(
-    session: Session, pointer: Channel | None, publication: Publication, *, now: datetime
-) -> Channel:
+def add_revision(session: Session, revision: Revision, layers: Sequence[Layer]) -> None:
+    """Add a revision, then its layers."""
+    session.add(revision)
+    session.flush()
+    session.add_all(layers)
+    session.flush()
+
+
+def move_pointer(session: Session, pointer: Channel | None, publication: Publication) -> Channel:
     """Return the channel's pointer, moved as `publication` says; the move is kept."""
     if pointer is None:
         pointer = Channel(map_id=publication.map_id, name=publication.channel)
         session.add(pointer)
     pointer.revision_n = publication.to_n
     pointer.generation = publication.generation
-    pointer.published_at = now
+    pointer.published_at = publication.published_at
     session.add(publication)
     session.flush()
     return pointer

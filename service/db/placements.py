@@ -1,0 +1,34 @@
+"""Placements of scans."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+
+from sqlalchemy import select
+from sqlalchemy.orm import Session
+
+from service.db.models import Job, Placement
+
+
+def find_placement(session: Session, placement_id: str) -> Placement | None:
+    """Return the placement with this id, or None."""
+    return session.get(Placement, placement_id)
+
+
+def find_placements(session: Session, placement_ids: Collection[str]) -> dict[str, Placement]:
+    """Return those of the ids that are placements, by id."""
+    rows = session.scalars(select(Placement).where(Placement.id.in_(placement_ids)))
+    return {row.id: row for row in rows}
+
+
+def list_placements(session: Session, scan_id: str, *, before: str | None, limit: int) -> Sequence[Placement]:
+    """Return up to `limit` placements of a scan, newest first, with ids before `before`."""
+    query = select(Placement).where(Placement.scan_id == scan_id).order_by(Placement.id.desc()).limit(limit)
+    if before is not None:
+        query = query.where(Placement.id < before)
+    return session.scalars(query).all()
+
+
+def job_of(session: Session, row: Placement) -> Job:
+    """Return the job that computes a placement."""
+    return session.get_one(Job, row.job_id)

@@ -1,0 +1,81 @@
+"""Show, list, cancel and retry jobs."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from sqlalchemy.orm import Session
+
+from service.db import job_lists
+from service.db.jobs import request_cancel, retry
+from service.db.models import Job
+from service.domain.access import Actor
+from service.domain.errors import JobNotFound
+from service.domain.lifecycle import JobKind, JobState, Role
+from service.usecases.kernel import Kernel
+
+
+def covered_job(session: Session, actor: Actor, *, job_id: str) -> Job:
+    """Return a job of a map that the key covers.
+
+    Raises
+    ------
+    JobNotFound
+        If there is no such job, or the key does not cover its map.
+    """
+    missing = JobNotFound(f"There is no job {job_id}, or this key does not cover its map.")
+    row = job_lists.find_job(session, job_id)
+    if row is None:
+        raise missing
+    actor.require_map(row.map_id, otherwise=missing)
+    return row
+
+
+def list_jobs(
+    session: Session,
+    actor: Actor,
+    *,
+    state: JobState | None,
+    kind: JobKind | None,
+    map_id: str | None,
+    before: str | None,
+    limit: int,
+) -> Sequence[Job]:
+    """Return up to `limit` jobs of the key's maps, newest first, from behind the id `before`."""
+    return job_lists.list_jobs(
+        session, covered=actor.map_ids, state=state, kind=kind, map_id=map_id, before=before, limit=limit
+    )
+
+
+def cancel_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) -> Job:
+    """Return the job, cancelled if it was waiting, else about to be stopped by its worker.
+
+    Raises
+    ------
+    Forbidden
+        If the key is a robot's.
+    JobNotFound
+        If there is no such job for the key.
+    JobNotCancellable
+        If the job has ended.
+    """
+    actor.require_role(Role.TABLET, Role.ADMIN)
+    covered_job(session, actor, job_id=job_id)
+    return request_cancel(session, job_id, now=kernel.now())
+
+
+def retry_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) -> Job:
+    """Return the failed or cancelled job, queued anew.
+
+    Raises
+    ------
+    Forbidden
+        If the key is a robot's.
+    JobNotFound
+        If there is no such job for the key.
+    JobNotRetryable
+        If the job did not fail and was not cancelled, or it built a revision.
+    """
+    actor.require_role(Role.TABLET, Role.ADMIN)
+    covered_job(session, actor, job_id=job_id)
+    return retry(session, job_id, now=kernel.now())

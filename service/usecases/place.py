@@ -1,0 +1,121 @@
+"""Ask for a scan to be placed on a revision: the placement's row and its job."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from sqlalchemy.orm import Session
+
+from service.db import revisions as revision_table
+from service.db.jobs import enqueue
+from service.db.models import Job, Placement, Scan
+from service.domain.access import Actor
+from service.domain.errors import InvalidRequest, RevisionNotReady, ScanNotRead
+from service.domain.lifecycle import JobKind, RevisionStatus, Role
+from service.domain.rough_pose import RoughPose
+from service.usecases.kernel import Kernel
+from service.usecases.placements import covered_scan
+from service.usecases.revisions import ready_revision
+
+
+@dataclass(frozen=True)
+class WantedPlacement:
+    """Hold how a scan is asked to be placed.
+
+    Parameters
+    ----------
+    rough_pose : RoughPose, optional
+        Where to start; by default the pose that came with the scan.
+    search : bool
+        Whether to look everywhere instead.
+    revision_n : int, optional
+        What to place it on; by default the map's latest ready revision.
+    ndt_resolution_m : float
+        Edge of a cell of the NDT map [m]; the paper takes 1.
+    """
+
+    rough_pose: RoughPose | None = None
+    search: bool = False
+    revision_n: int | None = None
+    ndt_resolution_m: float = 1.0
+
+
+@dataclass(frozen=True)
+class Asked:
+    """Hold a new placement and the job that computes it."""
+
+    placement: Placement
+    job: Job
+
+
+def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wanted: WantedPlacement) -> Asked:
+    """Return a new placement of the scan and its queued job.
+
+    Raises
+    ------
+    Forbidden
+        If the key is a robot's.
+    ScanNotFound
+        If there is no such scan for the key.
+    ScanNotRead
+        If the scan's reading has not finished.
+    RevisionNotFound
+        If the map has no such revision.
+    RevisionNotReady
+        If the revision is building or failed, or the map has no ready one.
+    InvalidRequest
+        If there is no rough pose to start from: searching without one is not available yet.
+    """
+    actor.require_role(Role.TABLET, Role.ADMIN)
+    scan = covered_scan(session, actor, scan_id=scan_id)
+    pose = _start(scan, wanted)
+    if scan.reading is None:
+        raise ScanNotRead(
+            f"The scan {scan_id} has no finished reading; its job is {scan.job_id}.", job_id=scan.job_id
+        )
+    n = _target(session, actor, scan.map_id, wanted.revision_n)
+    now = kernel.now()
+    placement_id = kernel.new_id("plc")
+    job = enqueue(
+        session,
+        JobKind.PLACE_SCAN,
+        job_id=kernel.new_id("job"),
+        map_id=scan.map_id,
+        subject_id=placement_id,
+        now=now,
+    )
+    row = Placement(
+        id=placement_id,
+        map_id=scan.map_id,
+        scan_id=scan_id,
+        revision_n=n,
+        job_id=job.id,
+        initial_pose=pose.to_json(),
+        ndt_resolution_m=wanted.ndt_resolution_m,
+        created_at=now,
+        created_by=actor.key_id,
+    )
+    session.add(row)
+    session.flush()
+    return Asked(row, job)
+
+
+def _start(scan: Scan, wanted: WantedPlacement) -> RoughPose:
+    if wanted.search:
+        detail = "Searching without a rough pose is not available yet: give rough_pose."
+        raise InvalidRequest(detail, errors=[{"pointer": "#/search", "detail": detail}])
+    if wanted.rough_pose is not None:
+        return wanted.rough_pose
+    if scan.rough_pose is not None:
+        return RoughPose.from_json(scan.rough_pose)
+    detail = "Give rough_pose: neither this request nor the scan tells where the scan was taken."
+    raise InvalidRequest(detail, errors=[{"pointer": "#/rough_pose", "detail": detail}])
+
+
+def _target(session: Session, actor: Actor, map_id: str, n: int | None) -> int:
+    if n is not None:
+        return ready_revision(session, actor, map_id=map_id, n=n).n
+    latest = revision_table.latest_revision(session, map_id, status=RevisionStatus.READY)
+    if latest is None:
+        raise RevisionNotReady(f"The map {map_id} has no ready revision to place a scan on.", status=None)
+    return latest.n
