@@ -72,17 +72,15 @@ def key_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     return table_keys, table_rows
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _slot(key: int, mask: int) -> int:
+@njit(cache=True, inline="always")
+def _slot(key: np.int64, mask: int) -> np.int64:
     """Return where the search for a key begins (Fibonacci hashing)."""
     product = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
-    return np.int64((product >> np.uint64(24)) & np.uint64(mask))  # type: ignore[return-value]
+    return np.int64((product >> np.uint64(24)) & np.uint64(mask))
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
-def _fill(
-    keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_rows: NDArray[np.int64]
-) -> None:
+@njit(cache=True)
+def _fill(keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_rows: NDArray[np.int64]) -> None:
     """Put every key into its slot, or the next free one."""
     mask = len(table_keys) - 1
     for row in range(len(keys)):
@@ -93,7 +91,7 @@ def _fill(
         table_rows[slot] = row
 
 
-@njit(cache=True)  # type: ignore[untyped-decorator]
+@njit(cache=True)
 def find_row(
     x: float,
     y: float,
@@ -101,19 +99,20 @@ def find_row(
     resolution: float,
     table_keys: NDArray[np.int64],
     table_rows: NDArray[np.int64],
-) -> int:
+) -> np.int64:
     """Return the row of the cell in which a point lies, or -1 if nothing is near it."""
     i = np.int64(np.floor(x / resolution)) + _REACH
     j = np.int64(np.floor(y / resolution)) + _REACH
     k = np.int64(np.floor(z / resolution)) + _REACH
     top = 2 * _REACH
     if i < 0 or j < 0 or k < 0 or i >= top or j >= top or k >= top:
-        return -1
+        return np.int64(-1)
     key = (i << (2 * _SHIFT)) | (j << _SHIFT) | k
     mask = len(table_keys) - 1
     slot = _slot(key, mask)
     while table_rows[slot] >= 0:
         if table_keys[slot] == key:
-            return table_rows[slot]  # type: ignore[no-any-return]
+            row: np.int64 = table_rows[slot]
+            return row
         slot = (slot + 1) & mask
-    return -1
+    return np.int64(-1)

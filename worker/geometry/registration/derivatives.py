@@ -78,8 +78,8 @@ def score_points(
     return both[:, 0], both[:, 1]
 
 
-@njit(cache=True, parallel=True)  # type: ignore[untyped-decorator]
-def _accumulate(  # noqa: PLR0913 - compiled code takes plain arrays
+@njit(cache=True, parallel=True)
+def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     points: NDArray[np.float64],
     centre: NDArray[np.float64],
     means: NDArray[np.float64],
@@ -112,8 +112,8 @@ def _accumulate(  # noqa: PLR0913 - compiled code takes plain arrays
     return sums
 
 
-@njit(cache=True, inline="always")  # type: ignore[untyped-decorator]
-def _add(  # noqa: PLR0913 - compiled code takes plain numbers
+@njit(cache=True, inline="always")
+def _add(  # noqa: PLR0913, PLR0917 - compiled code takes plain numbers
     out: NDArray[np.float64],
     b: NDArray[np.float64],
     dx: float,
@@ -172,8 +172,8 @@ def _add(  # noqa: PLR0913 - compiled code takes plain numbers
     out[27] += f * (qx * b12 - qy * b02 - d2 * gz * gz + uz * qz - uq)
 
 
-@njit(cache=True, parallel=True)  # type: ignore[untyped-decorator]
-def _score_each(  # noqa: PLR0913 - compiled code takes plain arrays
+@njit(cache=True, parallel=True)
+def _score_each(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     points: NDArray[np.float64],
     means: NDArray[np.float64],
     inverses: NDArray[np.float64],

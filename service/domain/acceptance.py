@@ -1,0 +1,158 @@
+"""What a placement's evidence is worth: accepted, for a person to review, or rejected.
+
+A scan placed 10 cm wrong makes a map worse than no scan at all, so every doubt asks for a review. The
+paper's fitness threshold (0.038 m^2) belongs to one voxel size and one building: it is shown, not used.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, Literal
+
+from service.domain.evidence import PlacementEvidence
+
+Verdict = Literal["accepted", "needs-review", "rejected"]
+
+
+@dataclass(frozen=True)
+class AcceptancePolicy:
+    """Hold the limits between accepted, needs-review and rejected.
+
+    Parameters
+    ----------
+    rejected_inlier_share, accepted_inlier_share : float
+        Below the first a placement is rejected, below the second a person looks: share of upright
+        structure that lies on the map's surfaces.
+    accepted_share_of_all : float
+        Least share of all points on the map's surfaces.
+    accepted_residual_m : float
+        Largest median distance of the inliers.
+    least_upright_surfaces : int
+        Fewer distinct walls than this leave room for a wrong pose that fits as well.
+    runner_up_ratio : float
+        A runner-up that explains this share of what the pose explains makes the pose ambiguous.
+    least_agreement : float
+        Least share of the starts that end at the pose.
+    largest_move_m, largest_turn_rad, largest_tilt_rad : float
+        Farther from the rough pose, or more tilted, a person looks.
+    """
+
+    rejected_inlier_share: float = 0.35
+    accepted_inlier_share: float = 0.75
+    accepted_share_of_all: float = 0.4
+    accepted_residual_m: float = 0.04
+    least_upright_surfaces: int = 3
+    runner_up_ratio: float = 0.85
+    least_agreement: float = 0.4
+    largest_move_m: float = 3.0
+    largest_turn_rad: float = math.radians(45.0)
+    largest_tilt_rad: float = math.radians(5.0)
+
+
+@dataclass(frozen=True)
+class Judgement:
+    """Hold a verdict and, as sentences, what led to it."""
+
+    verdict: Verdict
+    reasons: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the judgement as a JSON object."""
+        return {"verdict": self.verdict, "reasons": list(self.reasons)}
+
+
+def judge(evidence: PlacementEvidence, policy: AcceptancePolicy | None = None) -> Judgement:
+    """Return the verdict on a placement and the reasons for it.
+
+    ``accepted`` is given only when nothing speaks against the pose. It is still no proof: a map that is
+    wrong in the same way as the scan is not noticed.
+
+    Parameters
+    ----------
+    evidence : PlacementEvidence
+        What was measured.
+    policy : AcceptancePolicy, optional
+        The limits; the product's own if not given.
+    """
+    policy = policy or AcceptancePolicy()
+    against = _fatal(evidence, policy)
+    if against:
+        return Judgement("rejected", tuple(against))
+    doubts = _fit_doubts(evidence, policy) + _uniqueness_doubts(evidence, policy)
+    if doubts:
+        return Judgement("needs-review", tuple(doubts))
+    share, median = evidence.inlier_share_of_structure, evidence.residual_median_m
+    return Judgement(
+        "accepted",
+        (
+            f"{share:.0%} of the scanned structure lies on the map, {median:.3f} m off in the median.",
+            f"{evidence.upright_surfaces} distinct upright surfaces hold the pose in every direction.",
+            f"{evidence.starts_agreeing} of {evidence.starts} starts ended at this pose.",
+        ),
+    )
+
+
+def _fatal(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
+    """Return what shows that the pose is wrong or means nothing."""
+    reasons = []
+    if e.points_compared < 100:
+        reasons.append(f"Only {e.points_compared} points could be compared; a scan has thousands.")
+    if e.inlier_share_of_structure < policy.rejected_inlier_share:
+        reasons.append(
+            f"Only {e.inlier_share_of_structure:.0%} of the scanned structure lies within "
+            f"{e.inlier_distance_m:.2f} m of the map: the scan is not of this place, "
+            "or the rough pose is too far off."
+        )
+    return reasons
+
+
+def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
+    """Return what speaks against the fit itself."""
+    doubts = []
+    if not e.converged:
+        doubts.append("The placement had not come to rest when its iterations ran out.")
+    if e.inlier_share_of_structure < policy.accepted_inlier_share:
+        doubts.append(
+            f"{e.inlier_share_of_structure:.0%} of the scanned structure lies on the map; "
+            f"{policy.accepted_inlier_share:.0%} are expected of a right pose."
+        )
+    if e.inlier_share < policy.accepted_share_of_all:
+        doubts.append(
+            f"{e.inlier_share:.0%} of all points lie on the map; "
+            f"{policy.accepted_share_of_all:.0%} are expected."
+        )
+    if not e.residual_median_m <= policy.accepted_residual_m:
+        doubts.append(
+            f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
+            "or the drawing differs from the building."
+        )
+    if e.tilt_rad > policy.largest_tilt_rad:
+        doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")
+    return doubts
+
+
+def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
+    """Return what leaves room for another pose."""
+    doubts = []
+    if e.weak_directions:
+        doubts.append(f"What was scanned does not hold the pose in: {', '.join(e.weak_directions)}.")
+    if e.upright_surfaces < policy.least_upright_surfaces:
+        doubts.append(
+            f"The scan rests on {e.upright_surfaces} upright surfaces; with fewer than "
+            f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
+        )
+    runner_up = e.runner_up_inlier_share
+    if runner_up is not None and runner_up > policy.runner_up_ratio * e.inlier_share_of_structure:
+        doubts.append(
+            f"Another pose, {e.runner_up_distance_m or 0.0:.2f} m and "
+            f"{math.degrees(e.runner_up_turn_rad or 0.0):.1f} degrees away, fits almost as well."
+        )
+    if e.starts_agreeing < policy.least_agreement * e.starts:
+        doubts.append(f"Only {e.starts_agreeing} of {e.starts} starts ended at this pose.")
+    if e.moved_m > policy.largest_move_m or e.turned_rad > policy.largest_turn_rad:
+        doubts.append(
+            f"The pose found lies {e.moved_m:.1f} m and {math.degrees(e.turned_rad):.0f} degrees "
+            "from the rough pose."
+        )
+    return doubts

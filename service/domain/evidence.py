@@ -1,0 +1,91 @@
+"""What was measured about a placement: facts, from which `service.domain.acceptance` draws a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any, Literal
+
+MapKind = Literal["faces", "cloud"]
+
+
+@dataclass(frozen=True)
+class PlacementEvidence:
+    """Hold the measurements of one placement; no single one of them tells whether the pose is right.
+
+    Parameters
+    ----------
+    map_kind : {"faces", "cloud"}
+        Whether the scan was fitted to exact wall faces, or to the points of a cloud.
+    converged : bool
+        Whether every stage that led to the pose came to rest before its iterations ran out.
+    iterations : int
+        Evaluations of the NDT objective and steps of the refinement together.
+    points_compared : int
+        Points of the thinned scan on which shares and residuals are measured.
+    inlier_distance_m : float
+        A point of the scan nearer than this to a surface of the map is an inlier.
+    inlier_share : float
+        Share of the compared points that are inliers. A target object, which the map lacks, lowers it.
+    inlier_share_of_structure : float
+        The same over upright surfaces above furniture height alone, the stuff of walls.
+    residual_rms_m, residual_median_m : float
+        Distance of the inliers to the map's surfaces. On a pose slid along a wall it is small as well.
+    overlap_share : float
+        Share of the compared points that have anything of the map within one `ndt_resolution`.
+    euclidean_fitness_score_m2 : float
+        PCL's definition, over all compared points; the paper accepts 0.038 on a 0.4 m map, and on that alone.
+    transformation_probability : float
+        PCL's definition at `ndt_resolution`; higher is better, and it does not rank poses on different maps.
+    nearest_voxel_transformation_likelihood : float
+        Autoware's definition at `ndt_resolution`: mean of the best Gaussian over the points that have one.
+    ndt_resolution_m : float
+        Edge of the NDT cells of the two numbers above.
+    information_eigenvalues : tuple of 6 float
+        Of the inliers' normal equations per point, turns scaled to metres at the scan's own size; ascending.
+        One near 0 means that some motion changes nothing that was measured.
+    weak_directions : tuple of str
+        Motions that the inliers hardly determine: ``x``, ``y``, ``z``, ``yaw``, ``tilt``, or ``along <deg>``.
+    upright_surfaces : int
+        Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
+    starts, starts_agreeing : int
+        Poses tried as starts, and how many ended at the pose given (within 0.1 m and 1 degree).
+    runner_up_distance_m, runner_up_turn_rad, runner_up_inlier_share : float or None
+        The best pose that ended elsewhere: how far from the pose given, and its share of structure inliers.
+    moved_m, turned_rad : float
+        How far the placement went from the rough pose.
+    tilt_rad : float
+        Angle between the scan's z axis and the map's.
+    """
+
+    map_kind: MapKind
+    converged: bool
+    iterations: int
+    points_compared: int
+    inlier_distance_m: float
+    inlier_share: float
+    inlier_share_of_structure: float
+    residual_rms_m: float
+    residual_median_m: float
+    overlap_share: float
+    euclidean_fitness_score_m2: float
+    transformation_probability: float
+    nearest_voxel_transformation_likelihood: float
+    ndt_resolution_m: float
+    information_eigenvalues: tuple[float, ...]
+    weak_directions: tuple[str, ...]
+    upright_surfaces: int
+    starts: int
+    starts_agreeing: int
+    runner_up_distance_m: float | None
+    runner_up_turn_rad: float | None
+    runner_up_inlier_share: float | None
+    moved_m: float
+    turned_rad: float
+    tilt_rad: float
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the evidence as a JSON object."""
+        value = asdict(self)
+        value["information_eigenvalues"] = list(self.information_eigenvalues)
+        value["weak_directions"] = list(self.weak_directions)
+        return value

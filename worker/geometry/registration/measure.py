@@ -1,0 +1,164 @@
+"""Measurements of a placed scan, each of which becomes a member of the evidence."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from service.domain.transform import Transform
+from worker.geometry.registration.surfaces import Surfaces
+
+INLIER_DISTANCE = 0.1
+REACH = 0.3
+_UPRIGHT = 0.3
+_LEAST_STRUCTURE = 100
+_WEAK = 0.02
+_ALIGNED = np.cos(np.deg2rad(15.0))
+_SAME_PLANE = 0.15
+_LEAST_PLANE_SHARE = 0.04
+_LEAST_PLANE_POINTS = 25
+_NAMES = ("x", "y", "z", "tilt", "tilt", "yaw")
+
+
+@dataclass(frozen=True, eq=False)
+class Fit:
+    """Hold how each of N compared points lies on the map at one pose.
+
+    Parameters
+    ----------
+    placed : ndarray of shape (N, 3)
+        Points in frame `map` [m].
+    distance : ndarray of shape (N,)
+        Signed distance to the matched plane [m].
+    plane : ndarray of shape (N, 3)
+        Normal of that plane.
+    inlier, structure : ndarrays of shape (N,), bool
+        On a surface of the map; upright and above furniture.
+    """
+
+    placed: NDArray[np.float64]
+    distance: NDArray[np.float64]
+    plane: NDArray[np.float64]
+    inlier: NDArray[np.bool_]
+    structure: NDArray[np.bool_]
+
+    @property
+    def inlier_share(self) -> float:
+        """Return the share of all points that are inliers."""
+        return float(np.mean(self.inlier))
+
+    @property
+    def structure_share(self) -> float:
+        """Return the share of the structure that is inlier."""
+        return float(np.mean(self.inlier[self.structure])) if self.structure.any() else 0.0
+
+
+def measure_fit(
+    points: NDArray[np.float64],
+    normals: NDArray[np.float64],
+    surfaces: Surfaces,
+    *,
+    pose: Transform,
+    structure_from: float | None,
+) -> Fit:
+    """Return how the points lie on the surfaces at a pose.
+
+    Parameters
+    ----------
+    points, normals : ndarrays of shape (N, 3), float64
+        The thinned scan in frame `scan`; zero normals where it is not flat.
+    surfaces : Surfaces
+        In frame `map`.
+    pose : Transform
+        `T_map_scan`.
+    structure_from : float or None
+        Upright points above this z in frame `map` are structure [m]; all upright ones if None.
+    """
+    placed, turned = pose.apply(points), normals @ pose.rotation.T
+    distance, plane, found = surfaces.match(placed, turned, reach=REACH)
+    upright = (np.abs(turned[:, 2]) < _UPRIGHT) & (np.linalg.norm(turned, axis=1) > 0.5)
+    structure = upright if structure_from is None else upright & (placed[:, 2] > structure_from)
+    if np.count_nonzero(structure) < _LEAST_STRUCTURE:
+        structure = upright
+    return Fit(placed, distance, plane, found & (np.abs(distance) < INLIER_DISTANCE), structure)
+
+
+def information(fit: Fit, *, unknowns: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[str, ...]]:
+    """Return the eigenvalues of the inliers' normal equations a point, and the names of weak motions.
+
+    Parameters
+    ----------
+    fit : Fit
+        At the pose.
+    unknowns : tuple of int
+        Motions that have to be determined by the surfaces; the others are held by gravity.
+
+    Returns
+    -------
+    tuple
+        Six ascending eigenvalues, turns scaled to metres at the inliers' own size; names of the motions among
+        `unknowns` with an eigenvalue under 0.02: hardly a fiftieth of the points resist them.
+    """
+    if not fit.inlier.any():
+        return (0.0,) * 6, ("x", "y", "z", "yaw")
+    p, n = fit.placed[fit.inlier], fit.plane[fit.inlier]
+    q = p - p.mean(axis=0)
+    lever = max(float(np.sqrt(np.mean(np.sum(q**2, axis=1)))), 1e-3)
+    J = np.hstack([n, np.cross(q, n) / lever])
+    H = J.T @ J / len(p)
+    keep = np.array(unknowns)
+    values, vectors = np.linalg.eigh(H[np.ix_(keep, keep)])
+    weak = [_name(vectors[:, k], unknowns) for k in np.flatnonzero(values < _WEAK)]
+    full = np.linalg.eigvalsh(H)
+    return tuple(float(v) for v in full), tuple(dict.fromkeys(weak))
+
+
+def _name(vector: NDArray[np.float64], unknowns: tuple[int, ...]) -> str:
+    """Return the name of a motion: an axis, or the heading of a level direction."""
+    xi = np.zeros(6)
+    xi[list(unknowns)] = vector
+    if np.hypot(xi[0], xi[1]) > 0.8 and max(abs(xi[0]), abs(xi[1])) < 0.97:
+        return f"along {np.rad2deg(np.arctan2(xi[1], xi[0])) % 180.0:.0f} deg"
+    return _NAMES[int(np.argmax(np.abs(xi)))]
+
+
+def upright_surfaces(fit: Fit, *, sided: bool) -> int:
+    """Return on how many distinct upright planes of the map the structure's inliers lie.
+
+    Parameters
+    ----------
+    fit : Fit
+        At the pose.
+    sided : bool
+        Whether the two faces of a wall count as two.
+
+    Notes
+    -----
+    Greedy: the most populated of 24 headings times 0.1 m offsets, with the points around it, is counted and
+    taken away, until what is left is under 4 % of the upright inliers.
+    """
+    upright = fit.inlier & fit.structure & (np.abs(fit.plane[:, 2]) < _UPRIGHT)
+    p, n = fit.placed[upright, :2], fit.plane[upright, :2]
+    p = p - p.mean(axis=0) if len(p) else p
+    n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
+    if not sided:
+        flipped = (n[:, 1] < 0) | ((n[:, 1] == 0) & (n[:, 0] < 0))
+        n = np.where(flipped[:, None], -n, n)
+    least = max(_LEAST_PLANE_POINTS, _LEAST_PLANE_SHARE * len(p))
+    count = 0
+    while len(p) >= least:
+        heading = np.round(np.arctan2(n[:, 1], n[:, 0]) / np.deg2rad(15.0)).astype(np.int64)
+        offset = np.round(np.sum(n * p, axis=1) / 0.1).astype(np.int64)
+        _, inverse, sizes = np.unique(heading * 100_000 + offset, return_inverse=True, return_counts=True)
+        seed = inverse == int(np.argmax(sizes))
+        n0 = n[seed].sum(axis=0)
+        n0 /= max(float(np.linalg.norm(n0)), 1e-9)
+        c0 = float(np.median(p[seed] @ n0))
+        facing = n @ n0 if sided else np.abs(n @ n0)
+        member = (facing > _ALIGNED) & (np.abs(p @ n0 - c0) < _SAME_PLANE)
+        count += int(np.count_nonzero(member) >= least)
+        member |= seed
+        p, n = p[~member], n[~member]
+    return count
