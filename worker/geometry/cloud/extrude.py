@@ -152,7 +152,7 @@ class Footprint:
     cell: float
 
     def at(self, x: NDArray[np.float64], y: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return the (len(x), len(y)) answers for a lattice of positions [m]; outside the cells it is False."""
+        """Return the (len(x), len(y)) answers for a lattice of positions [m]; False beyond the cells."""
         ix = np.floor((x - self.corner[0]) / self.cell).astype(np.int64)
         iy = np.floor((y - self.corner[1]) / self.cell).astype(np.int64)
         known_x, known_y = ((i >= 0) & (i < n) for i, n in zip((ix, iy), self.inside.shape, strict=True))
@@ -164,8 +164,8 @@ class Footprint:
 def footprint(xy: NDArray[np.float64]) -> Footprint:
     """Return what the walls, given as (M, 2) points [m], enclose.
 
-    Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. Rooms whose walls are
-    not drawn stay outside. Cells are 10 cm, larger where the building would have over four million of them.
+    Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. Rooms whose
+    walls are not drawn stay outside. Cells are 10 cm, larger where the building would have over four million of them.
     """
     area = float(np.prod(np.ptp(xy, axis=0) + 4 * _DOOR_HALF_WIDTH))
     cell = max(_FOOTPRINT_CELL, math.sqrt(area / _FOOTPRINT_CELLS))

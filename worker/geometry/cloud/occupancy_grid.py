@@ -64,7 +64,8 @@ def occupancy_grid(
     if float(np.prod(shape.astype(np.float64))) > _MOST_CELLS:
         raise TooManyPoints(
             f"The map is {shape[0] * resolution:.0f} x {shape[1] * resolution:.0f} m: too large for an "
-            f"occupancy grid of {resolution} m. Choose a coarser occupancy_resolution_m, or look for stray walls."
+            f"occupancy grid of {resolution} m. Choose a coarser occupancy_resolution_m, "
+            "or look for stray walls."
         )
     grid = np.full(shape, UNKNOWN, dtype=np.uint8)
     x, y = (np.arange(low[k], high[k] + 1) for k in (0, 1))
