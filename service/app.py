@@ -19,7 +19,7 @@ from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.metrics import Metrics
-from service.api.routes import maps, tus
+from service.api.routes import drawings, health, jobs, keys, maps, placements, revisions, scans, tus
 from service.api.routes import problems as problem_pages
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
@@ -30,7 +30,18 @@ from service.storage.pieces import PieceStore
 from service.usecases.kernel import Kernel
 from service.usecases.stats import job_figures
 
-_ROUTERS = (maps.router, tus.router, problem_pages.router)
+_ROUTERS = (
+    maps.router,
+    drawings.router,
+    scans.router,
+    revisions.router,
+    placements.router,
+    tus.router,
+    jobs.router,
+    keys.router,
+    health.router,
+    problem_pages.router,
+)
 
 
 class Application(FastAPI):
@@ -118,6 +129,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     )
     app.state.kernel = kernel
     app.state.metrics = metrics
+    app.state.routers = _ROUTERS
     app.state.public_url = settings.public_url
     app.state.stopping = threading.Event()
     app.state.limits = Limits(

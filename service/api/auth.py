@@ -18,11 +18,12 @@ _bearer = HTTPBearer(
     description="An API key `gp_...` of the role tablet, robot or admin, limited to some maps or not.",
 )
 
+Presented = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+"""The key as it was sent."""
 
-def _actor(
-    kernel: KernelDep, credentials: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
-) -> Actor:
-    secret = credentials.credentials if credentials is not None else None
+
+def _actor(kernel: KernelDep, presented: Presented) -> Actor:
+    secret = presented.credentials if presented is not None else None
     with kernel.db.reading() as session:
         return authenticate(session, secret, now=kernel.now())
 

@@ -194,10 +194,11 @@ async def _on_http(request: Request, error: Exception) -> Response:
 def _methods_at(request: Request) -> set[str]:
     """Return every method that some route takes at the path: one route alone knows only its own."""
     methods: set[str] = set()
-    for route in request.app.routes:
-        match, _ = route.matches(request.scope)
-        if match is not Match.NONE:
-            methods |= getattr(route, "methods", None) or set()
+    for router in request.app.state.routers:
+        for route in router.routes:
+            match, _ = route.matches(request.scope)
+            if match is not Match.NONE:
+                methods |= getattr(route, "methods", None) or set()
     return methods
 
 

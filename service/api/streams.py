@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import json
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 from dataclasses import dataclass, field
@@ -14,9 +15,14 @@ from python_multipart.multipart import parse_options_header
 from starlette.concurrency import run_in_threadpool
 from starlette.requests import ClientDisconnect, Request
 
+from service.api.deps import Limits, idempotent, request_digest
+from service.domain.bounds import Bounds
 from service.domain.errors import InvalidRequest, UnsupportedMedia, UploadInterrupted, UploadTooLarge
+from service.domain.headers import check_header
 from service.domain.media import HEAD_BYTES, Media, Purpose, accept
 from service.storage.blobs import BlobStore, StagedFile, Stored
+from service.usecases.answer import IdempotentRequest
+from service.usecases.receive_file import ReceivedFile
 
 UNLIMITED = 1 << 62
 """The framework's own limit on the bodies of routes that limit theirs here."""
@@ -62,6 +68,37 @@ class ReceivedForm:
     def keep(self) -> Stored:
         """Make the file a blob; call it in a thread, it waits for the disk."""
         return self.staged.keep()
+
+
+def received_file(form: ReceivedForm, *, bounds: Bounds) -> ReceivedFile:
+    """Return the form's file, checked by its header and made a blob; call it in a thread.
+
+    Raises
+    ------
+    ImageTooLarge, TooManyPoints, FileEmpty, FileTruncated, FileMalformed
+        If the header shows that the file cannot be read.
+    StorageFull
+        If the disk has no room.
+    """
+    check_header(form.head, form.media, size_bytes=form.size_bytes, bounds=bounds)
+    stored = form.keep()
+    return ReceivedFile(stored.sha256, stored.size_bytes, form.file_name, form.media.media_type)
+
+
+def form_identity(
+    request: Request, form: ReceivedForm, sha256: str, *, key: str | None, limits: Limits
+) -> IdempotentRequest | None:
+    """Return the identity of a request that is a form with a file of this SHA-256.
+
+    Raises
+    ------
+    InvalidRequest
+        If the Idempotency-Key is none.
+    """
+    digest = request_digest(request)
+    said = json.dumps([sorted(form.fields.items()), form.file_name, sha256])
+    digest.update(said.encode())
+    return idempotent(key, digest=digest, limits=limits)
 
 
 @asynccontextmanager

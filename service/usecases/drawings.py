@@ -14,13 +14,14 @@ from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import ArtifactNotFound, DrawingNotFound
 from service.domain.lifecycle import JobKind, JobState, Role
+from service.usecases.download import StoredFile, stored_file
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
 
 _FILES = {
-    "preview.png": ("preview_sha256", "image/png"),
-    "walls.geojson": ("walls_sha256", "application/geo+json"),
-    "removed.geojson": ("removed_sha256", "application/geo+json"),
+    "preview.png": ("preview_sha256", "image/png", "preview.png"),
+    "walls.geojson": ("walls_sha256", "application/geo+json", "walls.geojson"),
+    "removed.geojson": ("removed_sha256", "application/geo+json", "removed.geojson"),
 }
 
 
@@ -54,8 +55,8 @@ def list_drawings(
     return table.list_drawing_rows(session, map_id, after=after, limit=limit)
 
 
-def drawing_file(session: Session, actor: Actor, *, drawing_id: str, name: str) -> tuple[str, str]:
-    """Return the SHA-256 and the media type of a file of the drawing's latest finished reading.
+def drawing_file(kernel: Kernel, session: Session, actor: Actor, *, drawing_id: str, name: str) -> StoredFile:
+    """Return a file of the drawing's latest finished reading.
 
     Raises
     ------
@@ -67,7 +68,7 @@ def drawing_file(session: Session, actor: Actor, *, drawing_id: str, name: str) 
     drawing, _, job = covered_drawing(session, actor, drawing_id=drawing_id)
     if name not in _FILES:
         raise ArtifactNotFound(f"A drawing has no file {name!r}; it has {', '.join(sorted(_FILES))}.")
-    column, media_type = _FILES[name]
+    column, media_type, file_name = _FILES[name]
     sha256: str | None = getattr(drawing, column)
     if sha256 is None:
         raise ArtifactNotFound(
@@ -75,7 +76,7 @@ def drawing_file(session: Session, actor: Actor, *, drawing_id: str, name: str) 
             job_id=job.id,
             job_state=job.state,
         )
-    return sha256, media_type
+    return stored_file(kernel, session, sha256=sha256, file_name=file_name, media_type=media_type)
 
 
 def reread_drawing(

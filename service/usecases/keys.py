@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import hmac
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
@@ -65,8 +66,15 @@ def create_key(
     role: Role,
     map_ids: Sequence[str] | None = None,
     expires_at: datetime | None = None,
+    root: str | None = None,
 ) -> NewKey:
     """Return a new key with its secret; only the secret's SHA-256 is kept.
+
+    Parameters
+    ----------
+    root : str, optional
+        Derive the secret from this one and the new key's id, as `derived_secret`, so that the answer
+        can be given again without being kept.
 
     Raises
     ------
@@ -82,7 +90,7 @@ def create_key(
     if expires_at is not None and expires_at <= kernel.now():
         detail = "expires_at lies in the past."
         raise InvalidRequest(detail, errors=[{"pointer": "#/expires_at", "detail": detail}])
-    made = _new_key(kernel, kernel.new_id("key"), name=name, role=role)
+    made = _new_key(kernel, kernel.new_id("key"), name=name, role=role, root=root)
     made.key.map_ids = None if map_ids is None else sorted(set(map_ids))
     made.key.expires_at = expires_at
     table.add_key(session, made.key)
@@ -126,6 +134,7 @@ def make_key(
     role: Role,
     map_ids: Sequence[str] | None,
     expires_at: datetime | None,
+    root: str | None = None,
 ) -> NewKey:
     """Return a new key that `actor` asked for.
 
@@ -137,7 +146,18 @@ def make_key(
         As `create_key`.
     """
     _require_key_admin(actor)
-    return create_key(kernel, session, name=name, role=role, map_ids=map_ids, expires_at=expires_at)
+    return create_key(
+        kernel, session, name=name, role=role, map_ids=map_ids, expires_at=expires_at, root=root
+    )
+
+
+def derived_secret(root: str, *, key_id: str) -> str:
+    """Return the secret of the key `key_id` that was made with the secret `root` and an Idempotency-Key.
+
+    HMAC-SHA-256 of the new key's id under the maker's own secret: whoever lacks that secret, the
+    database's reader included, learns nothing; the maker was told the result anyway.
+    """
+    return _encoded(hmac.digest(root.encode(), b"groundplan key " + key_id.encode(), "sha256"))
 
 
 def revoke_key(kernel: Kernel, session: Session, actor: Actor, *, key_id: str) -> None:
@@ -161,10 +181,15 @@ def _require_key_admin(actor: Actor) -> None:
     actor.require_all_maps()
 
 
-def _new_key(kernel: Kernel, key_id: str, *, name: str, role: Role) -> NewKey:
-    secret = _PREFIX + base64.urlsafe_b64encode(kernel.entropy(_SECRET_BYTES)).decode().rstrip("=")
+def _new_key(kernel: Kernel, key_id: str, *, name: str, role: Role, root: str | None = None) -> NewKey:
+    random = _encoded(kernel.entropy(_SECRET_BYTES))
+    secret = random if root is None else derived_secret(root, key_id=key_id)
     row = Key(id=key_id, name=name, role=role.value, digest=_digest(secret), created_at=kernel.now())
     return NewKey(row, secret)
+
+
+def _encoded(secret: bytes) -> str:
+    return _PREFIX + base64.urlsafe_b64encode(secret).decode().rstrip("=")
 
 
 def _digest(secret: str) -> str:

@@ -24,6 +24,8 @@ def record_drawing_reading(
 ) -> Drawing:
     """Return the drawing, now with its reading; one transaction with the end of the job.
 
+    Where the drawing has been asked to be read anew meanwhile, the job ends and the drawing stays.
+
     Parameters
     ----------
     attempt : Attempt
@@ -40,7 +42,9 @@ def record_drawing_reading(
     """
     finish_succeeded(session, attempt, now=kernel.now())
     record_files(kernel, session, files)
-    drawing = session.get_one(Drawing, attempt.subject_id)
+    drawing = session.get_one(Drawing, attempt.subject_id, with_for_update=True)
+    if drawing.job_id != attempt.job_id:
+        return drawing
     drawing.reading = reading
     drawing.walls_sha256 = files["walls.geojson"].sha256
     drawing.removed_sha256 = files["removed.geojson"].sha256

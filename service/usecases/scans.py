@@ -10,11 +10,13 @@ from service.db import uploads as table
 from service.db.uploads import ScanRow
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound, ScanNotFound
+from service.usecases.download import StoredFile, stored_file
+from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
 
 _FILES = {
-    "preview.png": ("preview_sha256", "image/png"),
-    "points": ("points_sha256", "application/octet-stream"),
+    "preview.png": ("preview_sha256", "image/png", "preview.png"),
+    "points": ("points_sha256", "application/octet-stream", "points.pcd"),
 }
 
 
@@ -48,8 +50,8 @@ def list_scans(
     return table.list_scan_rows(session, map_id, after=after, limit=limit)
 
 
-def scan_file(session: Session, actor: Actor, *, scan_id: str, name: str) -> tuple[str, str]:
-    """Return the SHA-256 and the media type of a file of the scan's finished reading.
+def scan_file(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, name: str) -> StoredFile:
+    """Return a file of the scan's finished reading.
 
     Raises
     ------
@@ -61,7 +63,7 @@ def scan_file(session: Session, actor: Actor, *, scan_id: str, name: str) -> tup
     scan, _, job = covered_scan(session, actor, scan_id=scan_id)
     if name not in _FILES:
         raise ArtifactNotFound(f"A scan has no file {name!r}; it has {', '.join(sorted(_FILES))}.")
-    column, media_type = _FILES[name]
+    column, media_type, file_name = _FILES[name]
     sha256: str | None = getattr(scan, column)
     if sha256 is None:
         raise ArtifactNotFound(
@@ -69,4 +71,4 @@ def scan_file(session: Session, actor: Actor, *, scan_id: str, name: str) -> tup
             job_id=job.id,
             job_state=job.state,
         )
-    return sha256, media_type
+    return stored_file(kernel, session, sha256=sha256, file_name=file_name, media_type=media_type)

@@ -1,0 +1,133 @@
+"""Tablet scans as they are sent and shown."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Mapping
+from datetime import datetime
+from typing import Self
+
+from pydantic import Field
+
+from service.api.schemas.base import JsonObject, Output
+from service.api.schemas.jobs import JobOut
+from service.db.uploads import ScanRow
+from service.domain.errors import InvalidRequest
+from service.domain.rough_pose import RoughPose
+
+FORM: JsonObject = {
+    "requestBody": {
+        "required": True,
+        "content": {
+            "multipart/form-data": {
+                "schema": {
+                    "type": "object",
+                    "required": ["file"],
+                    "properties": {
+                        "file": {
+                            "type": "string",
+                            "format": "binary",
+                            "description": "PLY or PCD; metres, z up; its own bytes decide, not its name.",
+                        },
+                        "rough_pose": {
+                            "type": "string",
+                            "contentMediaType": "application/json",
+                            "description": "Roughly where the scan was taken, `T_map_scan` as JSON: "
+                            '{"x_m", "y_m", "z_m", "yaw_rad"}; z_m and yaw_rad default to 0.',
+                        },
+                    },
+                },
+                "encoding": {"file": {"contentType": "application/octet-stream"}},
+            }
+        },
+    }
+}
+"""The form of a scan's upload, for OpenAPI; `service.api.streams` reads it."""
+
+
+def rough_pose_of(fields: Mapping[str, str]) -> RoughPose | None:
+    """Return the rough pose that the fields of a form give, or None where there is none.
+
+    Raises
+    ------
+    InvalidRequest
+        If it is wrong, or there are other fields.
+    """
+    unknown = set(fields) - {"rough_pose"}
+    if unknown:
+        raise _invalid(f"#/{min(unknown)}", f"A scan has no field {min(unknown)!r}.")
+    text = fields.get("rough_pose", "").strip()
+    if not text:
+        return None
+    try:
+        value = json.loads(text)
+    except (ValueError, RecursionError) as error:
+        raise _invalid("#/rough_pose", f"The field is no JSON: {error}.") from None
+    return None if value is None else RoughPose.from_json(value)
+
+
+class ScanFiles(Output):
+    """Where the files of the finished reading are; null until there is one."""
+
+    preview: str | None
+    points: str | None
+
+
+class ScanOut(Output):
+    """An uploaded tablet scan, with its reading and its latest job."""
+
+    id: str
+    map_id: str
+    file_name: str
+    sha256: str
+    size_bytes: int
+    media_type: str
+    rough_pose: JsonObject | None = Field(description="Where its sender thinks it was taken: `T_map_scan`.")
+    reading: JsonObject | None = Field(
+        description="Counts, extent and findings; null until a job has read the scan."
+    )
+    files: ScanFiles
+    created_at: datetime
+    created_by: str
+    job: JobOut
+
+    @classmethod
+    def of(cls, row: ScanRow, *, base_url: str) -> Self:
+        """Return the scan as it is shown."""
+        scan, blob, job = row
+        at = f"/v1/scans/{scan.id}"
+        files = ScanFiles(
+            preview=f"{at}/preview.png" if scan.preview_sha256 else None,
+            points=f"{at}/points" if scan.points_sha256 else None,
+        )
+        return cls(
+            id=scan.id,
+            map_id=scan.map_id,
+            file_name=scan.file_name,
+            sha256=blob.sha256,
+            size_bytes=blob.size_bytes,
+            media_type=blob.media_type,
+            rough_pose=scan.rough_pose,
+            reading=scan.reading,
+            files=files,
+            created_at=scan.created_at,
+            created_by=scan.created_by,
+            job=JobOut.of(job, base_url=base_url),
+        )
+
+
+class ScanAccepted(Output):
+    """A scan that will be read, and the job that reads it."""
+
+    scan: ScanOut
+    job: JobOut
+
+    @classmethod
+    def of(cls, row: ScanRow, *, base_url: str) -> Self:
+        """Return the answer to an upload."""
+        shown = ScanOut.of(row, base_url=base_url)
+        return cls(scan=shown, job=shown.job)
+
+
+def _invalid(pointer: str, detail: str) -> InvalidRequest:
+    return InvalidRequest(detail, errors=[{"pointer": pointer, "detail": detail}])
