@@ -9,10 +9,18 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from sqlalchemy import select
+
 from service import crash_points
 from service.db.jobs import Attempt
+from service.db.models import Layer, Placement, Scan
 from service.domain.bounds import Bounds
+from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
+from worker.formats.scan import read_scan
+from worker.geometry.cloud.merge import PlacedLayer
+from worker.geometry.cloud.point_cloud import Label, PointCloud
 
 _BETWEEN_PROGRESS_S = 0.1
 
@@ -36,6 +44,25 @@ class Messages:
         while line:
             line = line[os.write(self._fd, line) :]
         crash_points.reach(f"message-{kind}.after-send")
+
+
+@dataclass(frozen=True)
+class LayerSource:
+    """Hold what a layer of a revision is made from: a scan's bytes and where they were placed."""
+
+    name: str
+    scan_id: str
+    scan_sha256: str
+    T_map_scan: Transform
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the source as a JSON object, for a report."""
+        return {
+            "name": self.name,
+            "scan_id": self.scan_id,
+            "scan_sha256": self.scan_sha256,
+            "T_map_scan": self.T_map_scan.tolist(),
+        }
 
 
 @dataclass
@@ -66,3 +93,29 @@ class JobContext:
         path = self.workdir / name
         path.mkdir()
         return path
+
+    def layer_sources(self, revision_id: str) -> list[LayerSource]:
+        """Return what a revision's layers are made from, in their order."""
+        wanted = (
+            select(Layer.name, Scan.id, Scan.blob_sha256, Placement.T_map_scan)
+            .join(Scan, Scan.id == Layer.scan_id)
+            .join(Placement, Placement.id == Layer.placement_id)
+            .where(Layer.revision_id == revision_id)
+            .order_by(Layer.position)
+        )
+        with self.kernel.db.reading() as session:
+            rows = session.execute(wanted).all()
+        return [
+            LayerSource(name, scan_id, sha256, Transform(np.array(T))) for name, scan_id, sha256, T in rows
+        ]
+
+    def load_layer(self, source: LayerSource) -> PlacedLayer:
+        """Return the whole scan of a layer in frame `map`.
+
+        Raises
+        ------
+        Rejected
+            If the scan cannot be read; the leaf tells why.
+        """
+        scan = read_scan(self.kernel.blobs.path(source.scan_sha256), self.bounds)
+        return PlacedLayer(source.name, PointCloud.of(source.T_map_scan.apply(scan.points), Label.LAYER))

@@ -10,10 +10,16 @@ import numpy as np
 from service.domain.lifecycle import JobKind
 from worker.context import JobContext
 from worker.geometry.drawing.read import read_raster
+from worker.handlers.build_revision import build_revision
+from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing
+from worker.handlers.read_scan import read_scan
 
 HANDLERS: Mapping[JobKind, Callable[[JobContext], None]] = {
     JobKind.READ_DRAWING: read_drawing,
+    JobKind.READ_SCAN: read_scan,
+    JobKind.PLACE_SCAN: place_scan,
+    JobKind.BUILD_REVISION: build_revision,
 }
 
 

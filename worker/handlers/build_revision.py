@@ -1,0 +1,76 @@
+"""Build a revision (paper, sections 2.2 and 2.3, step 5): the artifacts of a drawing, a recipe and layers."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import dataclass
+from typing import Any
+
+from service.db.models import Drawing, Revision
+from service.domain.errors import DrawingNotRead, ScaleUnknown
+from service.domain.recipe import Recipe
+from service.usecases.record_revision import record_revision
+from worker.context import JobContext, LayerSource
+from worker.formats.artifacts import write_artifacts
+from worker.formats.reading import load_walls_and_columns
+
+
+@dataclass(frozen=True)
+class _Inputs:
+    """Hold what a revision is derived from, as its rows say."""
+
+    recipe: Recipe
+    drawing: dict[str, Any]
+    walls_sha256: str
+    scale: dict[str, Any]
+    layers: list[LayerSource]
+
+    def to_json(self) -> dict[str, Any]:
+        return {"drawing": self.drawing, "scale": self.scale, "layers": [x.to_json() for x in self.layers]}
+
+
+def build_revision(context: JobContext) -> None:
+    """Build the revision's artifacts and make it ready.
+
+    1. look up what the revision is made of
+    2. load the walls that the drawing's reading found
+    3. load each layer's scan and take it to frame `map` by its placement
+    4. derive every artifact; the same inputs give the same bytes
+    5. keep the files as blobs
+    6. make the revision ready with the end of the job
+    """
+    inputs = _inputs(context)
+    blobs = context.kernel.blobs
+    context.progress("load", 0.0)
+    walls, columns = load_walls_and_columns(blobs.path(inputs.walls_sha256), bounds=context.bounds)
+    layers = [context.load_layer(source) for source in inputs.layers]
+    folder = context.folder("artifacts")
+    paths = write_artifacts(
+        folder,
+        walls=walls,
+        columns=columns,
+        recipe=inputs.recipe,
+        inputs=inputs.to_json(),
+        layers=layers,
+        bounds=context.bounds,
+        progress=lambda stage, share: context.progress(stage, 0.1 + 0.8 * share),
+    )
+    report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
+    context.progress("store", 0.95)
+    files = {str(path.relative_to(folder)): blobs.adopt(path) for path in paths}
+    with context.kernel.db.writing("record-revision") as session:
+        record_revision(context.kernel, session, context.attempt, report=report, files=files)
+
+
+def _inputs(context: JobContext) -> _Inputs:
+    layers = context.layer_sources(context.attempt.subject_id)
+    with context.kernel.db.reading() as session:
+        revision = session.get_one(Revision, context.attempt.subject_id)
+        drawing = session.get_one(Drawing, revision.drawing_id)
+        if drawing.reading is None or drawing.walls_sha256 is None:
+            raise DrawingNotRead("The drawing has no finished reading to build from.", job_id=drawing.job_id)
+        scale = drawing.reading["scale"]
+        if scale["state"] == "unknown":
+            raise ScaleUnknown("The drawing's scale is unknown: give it, then build again.")
+        named = {"id": drawing.id, "sha256": drawing.blob_sha256, "walls_sha256": drawing.walls_sha256}
+        return _Inputs(Recipe.from_json(revision.recipe), named, drawing.walls_sha256, scale, layers)

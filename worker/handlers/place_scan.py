@@ -1,0 +1,108 @@
+"""Place a scan on a revision (paper, section 2.3, steps 3 and 4): its pose, the evidence, and a verdict."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from sqlalchemy import select
+
+from service.db.models import Artifact, Placement, Revision, Scan
+from service.domain.acceptance import judge
+from service.domain.errors import RevisionNotReady
+from service.domain.recipe import Recipe
+from service.domain.rough_pose import RoughPose
+from service.domain.transform import Transform
+from service.usecases.record_placement import PlacementResult, record_placement
+from worker.context import JobContext
+from worker.formats.reading import load_walls_and_columns
+from worker.formats.scan import read_scan
+from worker.geometry.registration.place import Placed
+from worker.geometry.registration.place import place_scan as find_place
+from worker.geometry.registration.target import PlacementTarget
+
+
+@dataclass(frozen=True)
+class _Asked:
+    """Hold what a placement job is asked, as its rows say."""
+
+    scan_id: str
+    scan_sha256: str
+    initial: Transform
+    ndt_resolution_m: float
+    revision_id: str
+    recipe: Recipe
+    walls_sha256: str
+
+
+def place_scan(context: JobContext) -> None:
+    """Place the scan and record where, how well it fits, and the verdict.
+
+    1. look up the scan, the revision and the rough pose
+    2. load the scan, the revision's wall faces, and the layers of other scans
+    3. match the scan to them
+    4. judge the evidence; a rejected placement is a result as well
+    5. keep the labels as a blob
+    6. record the placement with the end of the job
+    """
+    asked = _asked(context)
+    context.progress("load", 0.0)
+    scan = read_scan(context.kernel.blobs.path(asked.scan_sha256), context.bounds)
+    placed = find_place(
+        scan,
+        _target(context, asked),
+        initial=asked.initial,
+        ndt_resolution=asked.ndt_resolution_m,
+        progress=lambda stage, share: context.progress(stage, 0.1 + 0.8 * share),
+    )
+    labels = context.folder("placement") / "labels.npy"
+    np.save(labels, placed.labels)
+    files = {labels.name: context.kernel.blobs.adopt(labels)}
+    with context.kernel.db.writing("record-placement") as session:
+        record_placement(context.kernel, session, context.attempt, result=_result(placed), files=files)
+
+
+def _asked(context: JobContext) -> _Asked:
+    with context.kernel.db.reading() as session:
+        placement = session.get_one(Placement, context.attempt.subject_id)
+        scan = session.get_one(Scan, placement.scan_id)
+        on = Revision.map_id == placement.map_id, Revision.n == placement.revision_n
+        revision = session.scalars(select(Revision).where(*on)).one()
+        walls = session.get(Artifact, (revision.id, "walls.geojson"))
+        if walls is None:
+            raise RevisionNotReady(f"Revision {revision.n} is {revision.status}.", status=revision.status)
+        return _Asked(
+            scan_id=scan.id,
+            scan_sha256=scan.blob_sha256,
+            initial=RoughPose.from_json(placement.initial_pose).transform(),
+            ndt_resolution_m=placement.ndt_resolution_m,
+            revision_id=revision.id,
+            recipe=Recipe.from_json(revision.recipe),
+            walls_sha256=walls.sha256,
+        )
+
+
+def _target(context: JobContext, asked: _Asked) -> PlacementTarget:
+    """Return the revision to place on, without the scan itself: it would find its own earlier place."""
+    path = context.kernel.blobs.path(asked.walls_sha256)
+    walls, columns = load_walls_and_columns(path, bounds=context.bounds)
+    others = [s for s in context.layer_sources(asked.revision_id) if s.scan_id != asked.scan_id]
+    points = [context.load_layer(source).cloud.points for source in others]
+    return PlacementTarget.from_faces(
+        walls,
+        columns,
+        wall_height=asked.recipe.wall_height_m,
+        ceiling=asked.recipe.ceiling,
+        layers=np.vstack(points) if points else None,
+    )
+
+
+def _result(placed: Placed) -> PlacementResult:
+    judgement = judge(placed.evidence)
+    return PlacementResult(
+        T_map_scan=placed.T_map_scan.tolist(),
+        verdict=judgement.verdict,
+        reasons=list(judgement.reasons),
+        evidence=placed.evidence.to_json(),
+        candidates=[candidate.to_json() for candidate in placed.candidates],
+    )
