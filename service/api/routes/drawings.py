@@ -119,8 +119,8 @@ def get_drawing_file(
 ) -> Response:
     """Download a file of the latest finished reading.
 
-    `preview.png` is for people; `walls.geojson` holds the walls in frame `drawing`, and `removed.geojson` every
-    stroke that was set aside, with its reason.
+    `preview.png` is for people; `walls.geojson` holds the walls in frame `drawing`, and `removed.geojson`
+    every stroke that was set aside, with its reason.
     """
     with kernel.db.reading() as session:
         file = drawing_file(kernel, session, actor, drawing_id=drawing_id, name=name)

@@ -46,7 +46,7 @@ async def upload_scan(
     """Upload a tablet scan, with or without a rough pose; a job reads its points.
 
     What the file's own first bytes show to be wrong is refused at once; the rest the job finds out, and
-    carries the same kind of problem document. Over a shaky network `POST /v1/tus` takes the same file in pieces.
+    carries the same kind of problem document. Over a shaky network `POST /v1/tus` takes the file in pieces.
     """
 
     def receive(form: ReceivedForm) -> Answered:

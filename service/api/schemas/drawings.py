@@ -36,7 +36,7 @@ FORM: JsonObject = {
                         "dpi": {"type": "number", "description": "Pixels an inch of the sheet."},
                         "known_length": {
                             "type": "string",
-                            "description": "Or: x1,y1,x2,y2,L; two points [px, y down] and metres between them.",
+                            "description": "Or: x1,y1,x2,y2,L; two points [px, y down] and metres between.",
                         },
                         "page": {"type": "integer", "minimum": 1, "default": 1},
                     },
