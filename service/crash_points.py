@@ -69,20 +69,14 @@ CRASH_POINTS: frozenset[str] = (
 class _Armed:
     name: str | None = None
     hits_left: int = 1
-    mark: Path | None = None
+    order: Path | None = None
 
 
 _armed = _Armed()
 
 
-def arm(name: str, *, on_hit: int = 1, mark: Path | None = None) -> None:
+def arm(name: str, *, on_hit: int = 1) -> None:
     """Kill this process (SIGKILL) when the point `name` is reached for the `on_hit`-th time.
-
-    Parameters
-    ----------
-    mark : Path, optional
-        A file that is made just before the kill; where it exists already, nothing is killed. So a
-        process that is started again under the same settings dies once.
 
     Raises
     ------
@@ -92,11 +86,19 @@ def arm(name: str, *, on_hit: int = 1, mark: Path | None = None) -> None:
     if name not in CRASH_POINTS:
         msg = f"no crash point is called {name!r}"
         raise ValueError(msg)
-    _armed.name, _armed.hits_left, _armed.mark = name, on_hit, mark
+    _armed.name, _armed.hits_left, _armed.order = name, on_hit, None
+
+
+def obey(order: Path) -> None:
+    """Kill this process when it reaches the point that the file `order` names at that time.
+
+    The file is removed before the kill: one order kills one process, whichever comes first.
+    """
+    _armed.name, _armed.order = None, order
 
 
 def arm_from(setting: str | None, *, folder: Path) -> None:
-    """Arm what a setting names: ``name``, ``name:n`` or, to die once in this data folder, ``name:n:once``.
+    """Arm what a setting names: ``name``, ``name:n``, or ``@file`` for a file of orders in `folder`.
 
     Raises
     ------
@@ -105,24 +107,28 @@ def arm_from(setting: str | None, *, folder: Path) -> None:
     """
     if setting is None:
         return
-    name, _, rest = setting.partition(":")
-    hit, _, once = rest.partition(":")
-    if once not in {"", "once"}:
-        msg = f"a crash point is set as name, name:n or name:n:once, not {setting!r}"
-        raise ValueError(msg)
-    arm(name, on_hit=int(hit or 1), mark=folder / f"crashed-at-{name}" if once else None)
+    if setting.startswith("@"):
+        obey(folder.absolute() / setting[1:])
+        return
+    name, _, hit = setting.partition(":")
+    arm(name, on_hit=int(hit or 1))
 
 
 def reach(name: str) -> None:
     """Pass the instant `name`: die here if it is armed, else do nothing."""
-    if _armed.name != name:
-        return
-    _armed.hits_left -= 1
-    if _armed.hits_left > 0:
-        return
-    if _armed.mark is not None:
-        try:
-            _armed.mark.touch(exist_ok=False)
-        except FileExistsError:
+    if _armed.order is not None:
+        _follow(_armed.order, name)
+    elif _armed.name == name:
+        _armed.hits_left -= 1
+        if _armed.hits_left <= 0:
+            os.kill(os.getpid(), signal.SIGKILL)
+
+
+def _follow(order: Path, name: str) -> None:
+    try:
+        if order.read_text(encoding="ascii") != name:
             return
+        order.unlink()
+    except FileNotFoundError:
+        return
     os.kill(os.getpid(), signal.SIGKILL)
