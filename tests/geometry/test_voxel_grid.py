@@ -5,10 +5,11 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra import numpy as npst
+from numpy.typing import NDArray
 
 from service.domain.errors import CoordinatesTooLarge
 from worker.geometry.cloud.point_cloud import Label, PointCloud
-from worker.geometry.cloud.voxel_grid import filter_cloud, voxel_grid_filter, voxel_index
+from worker.geometry.cloud.voxel_grid import Keep, filter_cloud, voxel_grid_filter, voxel_index
 
 clouds = npst.arrays(
     np.float64,
@@ -21,7 +22,9 @@ keeps = st.sampled_from(["centroid", "nearest-to-centre"])
 
 @given(points=clouds, size=sizes, keep=keeps)
 @settings(deadline=None)
-def test_the_voxels_of_the_answer_are_the_voxels_of_the_input_each_once(points, size, keep):
+def test_the_voxels_of_the_answer_are_the_voxels_of_the_input_each_once(
+    points: NDArray[np.float64], size: float, keep: Keep
+) -> None:
     kept = voxel_grid_filter(points, size, keep=keep)
     written = kept.astype(np.float32)
     assert np.array_equal(written.astype(np.float64), kept)
@@ -35,20 +38,20 @@ def test_the_voxels_of_the_answer_are_the_voxels_of_the_input_each_once(points, 
 
 @given(points=clouds, size=sizes)
 @settings(deadline=None)
-def test_filtering_again_changes_nothing(points, size):
+def test_filtering_again_changes_nothing(points: NDArray[np.float64], size: float) -> None:
     once = voxel_grid_filter(points, size)
     assert np.array_equal(voxel_grid_filter(once, size), once)
 
 
 @given(points=clouds, size=sizes, seed=st.integers(0, 99))
 @settings(deadline=None)
-def test_the_order_of_the_input_does_not_matter(points, size, seed):
+def test_the_order_of_the_input_does_not_matter(points: NDArray[np.float64], size: float, seed: int) -> None:
     shuffled = np.random.default_rng(seed).permutation(points)
     kept, again = voxel_grid_filter(points, size), voxel_grid_filter(shuffled, size)
     assert np.allclose(kept, again, atol=1e-4 * size + 1e-4)
 
 
-def test_the_centroid_is_the_mean_and_the_nearest_is_a_point_itself():
+def test_the_centroid_is_the_mean_and_the_nearest_is_a_point_itself() -> None:
     points = np.array([[0.1, 0.1], [0.2, 0.3], [0.9, 0.8], [1.5, 0.5]])
     centroid = voxel_grid_filter(points, 1.0)
     nearest = voxel_grid_filter(points, 1.0, keep="nearest-to-centre")
@@ -56,18 +59,18 @@ def test_the_centroid_is_the_mean_and_the_nearest_is_a_point_itself():
     assert np.allclose(nearest, [[0.2, 0.3], [1.5, 0.5]], atol=1e-6)
 
 
-def test_a_filtered_layer_has_one_label():
+def test_a_filtered_layer_has_one_label() -> None:
     cloud = PointCloud.of(np.random.default_rng(1).uniform(0, 2, (500, 3)))
     kept = filter_cloud(cloud, 0.5, label=Label.LAYER)
     assert len(kept) == 64
     assert set(kept.labels.tolist()) == {4}
 
 
-def test_coordinates_that_float32_cannot_tell_apart_are_refused():
+def test_coordinates_that_float32_cannot_tell_apart_are_refused() -> None:
     with pytest.raises(CoordinatesTooLarge, match="nearer to its origin"):
         voxel_grid_filter(np.array([[9e5, 0.0, 0.0]]), 0.025)
 
 
-def test_a_voxel_without_edge_is_a_defect():
+def test_a_voxel_without_edge_is_a_defect() -> None:
     with pytest.raises(ValueError, match="positive edge"):
         voxel_grid_filter(np.zeros((1, 3)), 0.0)

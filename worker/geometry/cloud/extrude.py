@@ -165,7 +165,7 @@ def footprint(xy: NDArray[np.float64]) -> Footprint:
     """Return what the walls, given as (M, 2) points [m], enclose.
 
     Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. Rooms whose
-    walls are not drawn stay outside. Cells are 10 cm, larger where the building would have over four million of them.
+    walls are not drawn stay outside. Cells are 10 cm, larger where that would make over four million.
     """
     area = float(np.prod(np.ptp(xy, axis=0) + 4 * _DOOR_HALF_WIDTH))
     cell = max(_FOOTPRINT_CELL, math.sqrt(area / _FOOTPRINT_CELLS))

@@ -1,0 +1,207 @@
+"""Raster files: every kind that a scanner or a CAD program writes, and the hostile ones."""
+
+import struct
+import subprocess
+import sys
+import zlib
+from pathlib import Path
+
+import numpy as np
+import pytest
+from PIL import Image
+
+from service.domain.bounds import Bounds
+from service.domain.errors import (
+    FileEmpty,
+    FileMalformed,
+    FileTruncated,
+    ImageTooLarge,
+    PageNotFound,
+    UnsupportedMedia,
+)
+from worker.formats.raster import load_dpi, load_raster
+
+MARK = np.full((40, 60), 255, dtype=np.uint8)
+MARK[5:10, 10:30] = 0
+
+
+def png_header(width: int, height: int, *, rows: bytes = b"") -> bytes:
+    def chunk(kind: bytes, body: bytes) -> bytes:
+        return struct.pack(">I", len(body)) + kind + body + struct.pack(">I", zlib.crc32(kind + body))
+
+    header = struct.pack(">IIBBBBB", width, height, 8, 0, 0, 0, 0)
+    return b"\x89PNG\r\n\x1a\n" + chunk(b"IHDR", header) + chunk(b"IDAT", rows) + chunk(b"IEND", b"")
+
+
+@pytest.mark.parametrize(
+    ("suffix", "mode"),
+    [
+        *(("tiff", mode) for mode in ("1", "L", "P", "RGB", "RGBA", "LA", "CMYK")),
+        *(("png", mode) for mode in ("1", "L", "P", "RGB", "RGBA", "LA")),
+        *(("bmp", mode) for mode in ("1", "L", "P", "RGB")),
+    ],
+)
+def test_every_mode_gives_the_same_grey(tmp_path: Path, suffix: str, mode: str) -> None:
+    path = tmp_path / f"sheet.{suffix}"
+    Image.fromarray(MARK).convert(mode).save(path)
+    assert np.array_equal(load_raster(path), MARK)
+
+
+def test_jpeg_and_jpeg_in_cmyk_are_read(tmp_path: Path) -> None:
+    for mode in ("L", "RGB", "CMYK"):
+        path = tmp_path / "sheet.jpg"
+        Image.fromarray(MARK).convert(mode).save(path, quality=95)
+        assert np.abs(load_raster(path).astype(int) - MARK).max() < 40
+
+
+@pytest.mark.parametrize("suffix", ["png", "tiff"])
+def test_sixteen_bits_keep_their_range(tmp_path: Path, suffix: str) -> None:
+    wide = np.linspace(0, 65535, 2400).reshape(40, 60).astype(np.uint16)
+    path = tmp_path / f"sheet.{suffix}"
+    Image.fromarray(wide).save(path)
+    assert np.abs(load_raster(path).astype(int) - wide // 257).max() <= 1
+
+
+def test_a_pale_pen_is_as_dark_as_its_darkest_channel(tmp_path: Path) -> None:
+    path = tmp_path / "cyan.png"
+    Image.new("RGB", (4, 4), (40, 255, 255)).save(path)
+    assert (load_raster(path) == 40).all()
+
+
+def test_transparency_lies_over_white(tmp_path: Path) -> None:
+    path = tmp_path / "glass.png"
+    glass = Image.new("RGBA", (3, 1), (0, 0, 0, 0))
+    glass.putpixel((1, 0), (0, 0, 0, 255))
+    glass.putpixel((2, 0), (0, 0, 0, 128))
+    glass.save(path)
+    assert load_raster(path).tolist() == [[255, 0, 127]]
+
+
+def test_a_transparent_palette_entry_is_paper(tmp_path: Path) -> None:
+    path = tmp_path / "palette.png"
+    picture = Image.new("P", (2, 1), 0)
+    picture.putpalette([0, 0, 0, 10, 10, 10])
+    picture.putpixel((1, 0), 1)
+    picture.save(path, transparency=0)
+    assert load_raster(path).tolist() == [[255, 10]]
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_the_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> None:
+    turns = {
+        1: MARK,
+        2: MARK[:, ::-1],
+        3: MARK[::-1, ::-1],
+        4: MARK[::-1],
+        5: MARK.T,
+        6: MARK.T[:, ::-1],
+        7: MARK.T[::-1, ::-1],
+        8: MARK.T[::-1],
+    }
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / "phone.png"
+    Image.fromarray(MARK).save(path, exif=exif)
+    assert np.array_equal(load_raster(path), turns[orientation])
+
+
+def test_a_page_of_a_tiff_is_chosen(tmp_path: Path) -> None:
+    path = tmp_path / "set.tiff"
+    pages = [Image.fromarray(MARK), Image.fromarray(255 - MARK)]
+    pages[0].save(path, save_all=True, append_images=pages[1:])
+    assert np.array_equal(load_raster(path, page=2), 255 - MARK)
+    with pytest.raises(PageNotFound) as refusal:
+        load_raster(path, page=3)
+    assert refusal.value.members == {"pages": 2}
+
+
+def test_the_stated_dpi_is_told(tmp_path: Path) -> None:
+    path = tmp_path / "scan.png"
+    Image.fromarray(MARK).save(path, dpi=(300, 300))
+    assert load_dpi(path) == pytest.approx(300, abs=0.01)
+    Image.fromarray(MARK).save(path)
+    assert load_dpi(path) is None
+
+
+def test_an_empty_file_is_refused(tmp_path: Path) -> None:
+    path = tmp_path / "empty.png"
+    path.write_bytes(b"")
+    with pytest.raises(FileEmpty):
+        load_raster(path)
+
+
+def test_a_text_file_named_png_is_refused_by_its_bytes(tmp_path: Path) -> None:
+    path = tmp_path / "notes.png"
+    path.write_text("the drawing follows by mail\n" * 10)
+    with pytest.raises(UnsupportedMedia):
+        load_raster(path)
+
+
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tiff", "bmp"])
+def test_a_cut_file_is_refused_wherever_it_was_cut(tmp_path: Path, suffix: str) -> None:
+    whole = tmp_path / f"whole.{suffix}"
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (200, 300), dtype=np.uint8)).save(whole)
+    content = whole.read_bytes()
+    for share in (0.001, 0.01, 0.3, 0.6, 0.9):
+        cut = tmp_path / f"cut.{suffix}"
+        cut.write_bytes(content[: max(12, int(len(content) * share))])
+        with pytest.raises((FileTruncated, FileMalformed)):
+            load_raster(cut)
+
+
+def test_png_cut_in_its_pixels_is_called_truncated(tmp_path: Path) -> None:
+    whole = tmp_path / "whole.png"
+    Image.fromarray(np.random.default_rng(0).integers(0, 255, (200, 300), dtype=np.uint8)).save(whole)
+    cut = tmp_path / "cut.png"
+    cut.write_bytes(whole.read_bytes()[:20_000])
+    with pytest.raises(FileTruncated):
+        load_raster(cut)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_flipped_bytes_are_read_or_refused_never_a_crash(tmp_path: Path, seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    for suffix in ("png", "jpg", "tiff", "bmp"):
+        path = tmp_path / f"flip.{suffix}"
+        Image.fromarray(MARK).save(path)
+        content = bytearray(path.read_bytes())
+        for at in rng.integers(8, len(content), 5):
+            content[at] = rng.integers(256)
+        path.write_bytes(content)
+        try:
+            load_raster(path, bounds=Bounds(max_pixels=10_000_000))
+        except (FileTruncated, FileMalformed, ImageTooLarge, FileEmpty, UnsupportedMedia):
+            continue
+
+
+def test_a_header_of_3600_megapixels_is_refused_with_the_limit(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.png"
+    path.write_bytes(png_header(60_000, 60_000))
+    with pytest.raises(ImageTooLarge) as refusal:
+        load_raster(path)
+    assert refusal.value.members == {"max_pixels": 200_000_000, "width": 60_000, "height": 60_000}
+
+
+def test_a_bomb_whose_pixels_are_all_there_is_not_decoded(tmp_path: Path) -> None:
+    path = tmp_path / "bomb.png"
+    squeezer = zlib.compressobj(1)
+    row = b"\x00" * 60_001
+    rows = b"".join(squeezer.compress(row) for _ in range(60_000)) + squeezer.flush()
+    path.write_bytes(png_header(60_000, 60_000, rows=rows))
+    code = (
+        "import sys, resource; from pathlib import Path\n"
+        "from worker.formats.raster import load_raster\n"
+        "from service.domain.errors import ImageTooLarge\n"
+        "try:\n    load_raster(Path(sys.argv[1]))\n"
+        "except ImageTooLarge:\n    print(resource.getrusage(resource.RUSAGE_SELF).ru_maxrss)\n"
+    )
+    done = subprocess.run(
+        [sys.executable, "-c", code, str(path)], capture_output=True, text=True, check=True, cwd=Path.cwd()
+    )
+    assert int(done.stdout) * 1024 < 200 * 2**20
+
+
+def test_a_sheet_of_65_megapixels_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "a0.png"
+    Image.new("1", (10_000, 6_500), 1).save(path)
+    assert load_raster(path).shape == (6_500, 10_000)

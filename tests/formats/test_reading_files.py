@@ -1,0 +1,86 @@
+"""Walls as GeoJSON: the round trip, and files from outside that break the format."""
+
+import json
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+from service.domain.bounds import Bounds
+from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
+from worker.formats.reading import load_walls, load_walls_and_columns, write_reading, write_walls
+from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
+
+WALL = Wall.of(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]), thickness=0.2)
+PIER = Column(np.array([[1.0, 1.0], [1.4, 1.0], [1.4, 1.4], [1.0, 1.4]]))
+
+
+def feature(coordinates: Any, **properties: Any) -> dict[str, Any]:
+    geometry = {"type": "LineString", "coordinates": coordinates}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
+
+
+def test_walls_and_columns_come_back(tmp_path: Path) -> None:
+    path = tmp_path / "walls.geojson"
+    write_walls(path, [WALL], [PIER], frame="map")
+    (wall,), (pier,) = load_walls_and_columns(path)
+    assert np.allclose(wall.centre, WALL.centre)
+    assert all(np.allclose(a, b) for a, b in zip(wall.faces, WALL.faces, strict=True))
+    assert (wall.thickness, wall.kind) == (0.2, "wall")
+    assert np.allclose(pier.outline, PIER.outline)
+    assert json.loads(path.read_text())["frame"] == "map"
+
+
+def test_a_reading_is_four_files_and_names_every_removed_stroke(tmp_path: Path) -> None:
+    stroke = RemovedStroke((np.array([[1.0, 1.0], [2.0, 2.0]]),), "text", "small")
+    reading = Reading((WALL,), (PIER,), (stroke,), (5.0, 4.0), 0.01, "outlined")
+    paths = write_reading(reading, tmp_path, scale={"state": "given"})
+    assert [p.name for p in paths] == ["walls.geojson", "removed.geojson", "preview.png", "reading.json"]
+    removed = json.loads(paths[1].read_text())["features"]
+    assert [f["properties"] for f in removed] == [{"layer": "text", "reason": "small"}]
+    summary = json.loads(paths[3].read_text())
+    assert summary["counts"] == {"walls": 1, "columns": 1, "wall_length_m": 7.0, "removed": {"text": 1}}
+    assert (summary["scale"], summary["unit"], summary["sheet"]) == ({"state": "given"}, "m", [5.0, 4.0])
+
+
+def test_walls_in_pixels_are_no_walls_for_a_map(tmp_path: Path) -> None:
+    reading = Reading((WALL,), (), (), (5.0, 4.0), None, "outlined")
+    write_reading(reading, tmp_path, scale={"state": "unknown"})
+    written = json.loads((tmp_path / "walls.geojson").read_text())
+    assert written["unit"] == "px"
+    assert written["features"][0]["properties"]["thickness_px"] == 0.2
+    with pytest.raises(UnsupportedMedia, match="scale is unknown"):
+        load_walls(tmp_path / "walls.geojson")
+
+
+@pytest.mark.parametrize(
+    ("content", "refusal"),
+    [
+        ("", FileEmpty),
+        ("walls", UnsupportedMedia),
+        ("[" * 100_000, UnsupportedMedia),
+        ("[]", UnsupportedMedia),
+        ('{"features": 3}', UnsupportedMedia),
+        (json.dumps({"features": [7]}), FileMalformed),
+        (json.dumps({"features": [{"geometry": None}]}), FileMalformed),
+        (json.dumps({"features": [{"geometry": {"type": "Point"}}]}), FileMalformed),
+        (json.dumps({"features": [{"geometry": {"type": "Polygon"}}]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0]])]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], ["a", 1]])]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], [float("nan"), 1]])]}), NotFinite),
+        (json.dumps({"features": [feature([[0, 0], [1e9, 1]])]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], [1, 1]], thickness_m="wide")]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], [1, 1]], thickness_m=float("inf"))]}), NotFinite),
+        (json.dumps({"features": [feature([[0, 0], [1, 1]], thickness_m=-1)]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], [1, 1]], faces=[[[0, 0], [1, 1]]])]}), FileMalformed),
+        (json.dumps({"features": [feature([[0, 0], [1, 1]])] * 3}), FileMalformed),
+    ],
+)
+def test_a_file_that_breaks_the_format_is_refused(
+    tmp_path: Path, content: str, refusal: type[Exception]
+) -> None:
+    path = tmp_path / "walls.geojson"
+    path.write_text(content)
+    with pytest.raises(refusal):
+        load_walls(path, bounds=Bounds(max_walls=2))
