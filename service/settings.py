@@ -51,7 +51,7 @@ class Settings(BaseSettings):
 
     log_level: str = Field("info", description="debug, info, warning or error.")
     crash_at: str | None = Field(
-        None, description="For tests: the crash point at which this process kills itself: `name`, `name:n` or `@file`."
+        None, description="For tests: the crash point at which it kills itself: `name`, `name:n`, `@file`."
     )
 
     def url(self) -> str:

@@ -15,20 +15,24 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 from PIL import Image, ImageDraw
 from sqlalchemy import select
 
 from service.db.blobs import record_blob
 from service.db.jobs import enqueue
-from service.db.models import Drawing, Job, Key, Map, Revision
+from service.db.models import Drawing, Job, Key, Map, Placement, Revision, Scan
 from service.db.schema import upgrade
 from service.db.session import Database, open_engine
 from service.domain.lifecycle import JobKind, JobState
 from service.domain.recipe import Recipe
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
+from worker.formats.pcd import write_pcd
+from worker.geometry.cloud.point_cloud import PointCloud
 
 PATIENCE_S = 60.0
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
@@ -38,6 +42,24 @@ def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
     pen.rectangle((30, 30, 30 + room_px, 10 + room_px), outline=0, width=5)
     pen.line((30 + room_px // 2, 30, 30 + room_px // 2, 30 + room_px // 2), fill=0, width=5)
     image.save(path)
+    return path
+
+
+def a_small_scan(path: Path) -> Path:
+    """Write a PCD of the walls of `a_small_drawing`'s room, 2.5 m high, in the map's own frame."""
+    along, up = np.arange(0.0, 1.0, 0.01), np.arange(0.05, 2.5, 0.1)
+    left, right, low, high, middle = 1.6, 7.4, 2.6, 7.4, 4.4
+    corners = [
+        ((left, low), (right, low)),
+        ((right, low), (right, high)),
+        ((right, high), (left, high)),
+        ((left, high), (left, low)),
+        ((middle, high), (middle, 4.6)),
+    ]
+    lines = [np.add(a, np.outer(along, np.subtract(b, a))) for a, b in corners]
+    xy = np.vstack(lines)
+    points = np.column_stack([np.repeat(xy, len(up), axis=0), np.tile(up, len(xy))])
+    write_pcd(path, PointCloud.of(points))
     return path
 
 
@@ -67,9 +89,7 @@ class Workbench:
         with self.kernel.db.writing("receive-drawing") as session:
             self.key_id, self.map_id = self.kernel.new_id("key"), self.kernel.new_id("map")
             session.add(Key(id=self.key_id, name="test", role="admin", digest=self.key_id, created_at=now))
-            session.add(
-                Map(id=self.map_id, site="works", name=self.map_id, created_at=now, updated_at=now)
-            )
+            session.add(Map(id=self.map_id, site="works", name=self.map_id, created_at=now, updated_at=now))
 
     def add_drawing(self, path: Path, *, metres_per_px: float = 0.05) -> str:
         """Return the job that reads a drawing: received as an upload is."""
@@ -77,9 +97,7 @@ class Workbench:
         now = self.kernel.now()
         drawing_id, job_id = self.kernel.new_id("drw"), self.kernel.new_id("job")
         with self.kernel.db.writing("receive-drawing") as session:
-            record_blob(
-                session, stored.sha256, size_bytes=stored.size_bytes, media_type="image/png", now=now
-            )
+            record_blob(session, stored.sha256, size_bytes=stored.size_bytes, media_type="image/png", now=now)
             enqueue(
                 session,
                 JobKind.READ_DRAWING,
@@ -101,6 +119,80 @@ class Workbench:
                 )
             )
         return job_id
+
+    def add_scan(self, path: Path) -> str:
+        """Return the job that reads a scan."""
+        stored = self.kernel.blobs.adopt(path, keep_source=True)
+        now = self.kernel.now()
+        scan_id, job_id = self.kernel.new_id("scn"), self.kernel.new_id("job")
+        with self.kernel.db.writing("receive-scan") as session:
+            record_blob(
+                session,
+                stored.sha256,
+                size_bytes=stored.size_bytes,
+                media_type="application/octet-stream",
+                now=now,
+            )
+            enqueue(
+                session,
+                JobKind.READ_SCAN,
+                job_id=job_id,
+                map_id=self.map_id,
+                subject_id=scan_id,
+                now=now,
+            )
+            session.add(
+                Scan(
+                    id=scan_id,
+                    map_id=self.map_id,
+                    file_name=path.name,
+                    blob_sha256=stored.sha256,
+                    job_id=job_id,
+                    created_at=now,
+                    created_by=self.key_id,
+                )
+            )
+        return job_id
+
+    def add_placement(self, scan_job_id: str, *, revision_n: int) -> str:
+        """Return the job that places a scan on a revision, from the truth."""
+        now = self.kernel.now()
+        placement_id, job_id = self.kernel.new_id("plc"), self.kernel.new_id("job")
+        with self.kernel.db.writing("place-scan") as session:
+            scan = session.scalars(select(Scan).where(Scan.job_id == scan_job_id)).one()
+            enqueue(
+                session,
+                JobKind.PLACE_SCAN,
+                job_id=job_id,
+                map_id=self.map_id,
+                subject_id=placement_id,
+                now=now,
+            )
+            session.add(
+                Placement(
+                    id=placement_id,
+                    map_id=self.map_id,
+                    scan_id=scan.id,
+                    revision_n=revision_n,
+                    job_id=job_id,
+                    initial_pose={"x_m": 0.0, "y_m": 0.0, "z_m": 0.0, "yaw_rad": 0.0},
+                    ndt_resolution_m=1.0,
+                    created_at=now,
+                    created_by=self.key_id,
+                )
+            )
+        return job_id
+
+    def order_crash(self, point: str) -> None:
+        """Let the next process that passes the point kill itself."""
+        order = self.data_dir / "crash-at"
+        order.with_suffix(".new").write_text(point, encoding="ascii")
+        order.with_suffix(".new").replace(order)
+
+    @property
+    def has_crashed(self) -> bool:
+        """Return whether the order was carried out."""
+        return not (self.data_dir / "crash-at").exists()
 
     def add_revision(self, drawing_job_id: str, **recipe: Any) -> str:
         """Return the job that builds the next revision from a drawing that was read."""
@@ -168,9 +260,7 @@ class Workbench:
         }
         log = (self.data_dir / "worker.log").open("ab")
         with log:
-            return subprocess.Popen(
-                [sys.executable, "-m", "worker"], env=environment, stderr=log, stdout=log
-            )
+            return subprocess.Popen([sys.executable, "-m", "worker"], env=environment, stderr=log, stdout=log)
 
     @contextmanager
     def worker(self, **settings: str) -> Iterator[subprocess.Popen[bytes]]:
@@ -201,5 +291,3 @@ def children_of(pid: int) -> list[int]:
     """Return the processes that `pid` has started and that live."""
     path = Path(f"/proc/{pid}/task/{pid}/children")
     return [int(child) for child in path.read_text(encoding="ascii").split()] if path.exists() else []
-
-

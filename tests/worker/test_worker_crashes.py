@@ -1,0 +1,159 @@
+"""kill -9 at every crash point of the worker, its warm child and its jobs: one result each, nothing stuck."""
+
+from __future__ import annotations
+
+import hashlib
+import time
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+
+import pytest
+from sqlalchemy import func, select
+
+from service.crash_points import CRASH_POINTS, MESSAGES
+from service.db.models import Artifact, Blob, Drawing, Job, Placement, Revision, Scan
+from service.domain.lifecycle import JobState
+from tests.worker.workbench import Workbench, a_small_drawing, a_small_scan, children_of, kill
+
+pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
+
+PARENTS = {
+    f"{name}.{when}-commit"
+    for name in ("claim-job", "beat-job", "end-job", "redeliver-jobs")
+    for when in ("before", "after")
+} | {"message-job.before-send", "message-job.after-send"}
+RECORDS = {
+    f"record-{what}.{when}-commit"
+    for what in ("drawing-reading", "scan-reading", "placement", "revision")
+    for when in ("before", "after")
+}
+BLOBS = {"blob.before-fsync", "blob.before-rename", "blob.after-rename"}
+TOLD = {f"message-{kind}.{when}-send" for kind in MESSAGES for when in ("before", "after")}
+POINTS = sorted(PARENTS | RECORDS | BLOBS | TOLD)
+ONLY_DELIVERED = {"redeliver-jobs.before-commit", "redeliver-jobs.after-commit"}
+
+
+@dataclass
+class Outcome:
+    """Hold what came of one crash."""
+
+    point: str
+    died: str
+    state: str
+    attempts: int
+    seconds: float
+
+    def __str__(self) -> str:
+        """Return a line of the table."""
+        return f"{self.point:42} {self.died:12} {self.state:10} {self.attempts:8} {self.seconds:8.1f}"
+
+
+class Story:
+    """Hold what the jobs of a crash need: a drawing that was read, a revision, a scan."""
+
+    def __init__(self, bench: Workbench, folder: Path) -> None:
+        self.bench = bench
+        self.picture = a_small_drawing(folder / "plan.png")
+        self.text = folder / "letter.png"
+        self.text.write_text("This is no picture.", encoding="ascii")
+        self.cloud = a_small_scan(folder / "scan.pcd")
+        self.settings = {"crash_at": "@crash-at", "lease_s": "2", "beat_s": "0.05"}
+        self.worker = bench.start_worker(**self.settings)
+        self.drawing = self.done(bench.add_drawing(self.picture))
+        self.revision = self.done(bench.add_revision(self.drawing, voxel_size_m=0.2))
+        self.scan = self.done(bench.add_scan(self.cloud))
+
+    def done(self, job_id: str) -> str:
+        assert self.bench.wait_final(job_id).state == JobState.SUCCEEDED
+        return job_id
+
+    def job_for(self, point: str) -> str:
+        """Return a new job that passes the point."""
+        makers: dict[str, Callable[[], str]] = {
+            "record-scan-reading": lambda: self.bench.add_scan(self.cloud),
+            "record-placement": lambda: self.bench.add_placement(self.scan, revision_n=1),
+            "record-revision": lambda: self.bench.add_revision(self.drawing, voxel_size_m=0.2),
+            "end-job": lambda: self.bench.add_drawing(self.text),
+            "message-failed": lambda: self.bench.add_drawing(self.text),
+        }
+        default = (
+            makers["record-revision"] if point in BLOBS else lambda: self.bench.add_drawing(self.picture)
+        )
+        return makers.get(point.partition(".")[0], default)()
+
+    def crash(self, point: str) -> Outcome:
+        """Let a process die at the point, start the worker anew where it was the worker, and see it through."""
+        begun = time.monotonic()
+        self.bench.order_crash(point)
+        if point.startswith("message-ready"):
+            kill_all(children_of(self.worker.pid))
+        job_id = self.job_for(point)
+        died = "child or job"
+        while not (self.bench.has_crashed and JobState(self.bench.job(job_id).state).is_final):
+            if self.worker.poll() is not None:
+                died, self.worker = "worker", self.bench.start_worker(**self.settings)
+            assert time.monotonic() - begun < 90, (
+                point,
+                self.bench.job(job_id).state,
+                self.bench.log()[-3000:],
+            )
+            time.sleep(0.05)
+        if self.worker.poll() is not None:
+            died, self.worker = "worker", self.bench.start_worker(**self.settings)
+        job = self.bench.job(job_id)
+        return Outcome(point, died, job.state, job.attempt, time.monotonic() - begun)
+
+
+def kill_all(pids: list[int]) -> None:
+    import os  # noqa: PLC0415
+    import signal  # noqa: PLC0415
+
+    for pid in pids:
+        os.kill(pid, signal.SIGKILL)
+
+
+def assert_whole(bench: Workbench) -> None:
+    """Assert that every job has ended, every result is there once, and every byte that a row names is kept."""
+    with bench.kernel.db.reading() as session:
+        assert not session.scalars(select(Job).where(Job.state.in_(["queued", "running"]))).all()
+        succeeded = {j.id: j for j in session.scalars(select(Job).where(Job.state == "succeeded"))}
+        for revision in session.scalars(select(Revision)):
+            assert revision.status == ("ready" if revision.job_id in succeeded else "failed")
+            paths = session.scalars(select(Artifact.path).where(Artifact.revision_id == revision.id)).all()
+            assert len(paths) == (6 if revision.status == "ready" else 0)
+        for table, result in (
+            (Drawing, Drawing.reading),
+            (Scan, Scan.reading),
+            (Placement, Placement.verdict),
+        ):
+            for job_id, value in session.execute(select(table.job_id, result)):
+                assert (value is not None) == (job_id in succeeded)
+        for blob in session.scalars(select(Blob)):
+            data = bench.kernel.blobs.path(blob.sha256).read_bytes()
+            assert hashlib.sha256(data).hexdigest() == blob.sha256
+        ready = session.scalar(select(func.count()).where(Revision.status == "ready"))
+        built = sum(j.kind == "build-revision" for j in succeeded.values())
+        assert ready == built
+
+
+def test_the_points_tried_here_and_at_the_service_are_all_that_there_are() -> None:
+    assert set(POINTS) <= CRASH_POINTS
+
+
+def test_a_kill_at_each_point_leaves_one_result_and_nothing_stuck(bench: Workbench, tmp_path: Path) -> None:
+    story = Story(bench, tmp_path)
+    points = [p for p in POINTS if not (bench.kernel.db.is_sqlite and p in ONLY_DELIVERED)]
+    outcomes = []
+    try:
+        for point in points:
+            outcomes.append(story.crash(point))
+            print(outcomes[-1])  # noqa: T201 - the table of points and outcomes
+    finally:
+        kill(story.worker)
+    for outcome in outcomes:
+        refused = outcome.point.startswith(("end-job", "message-failed"))
+        assert outcome.state == ("failed" if refused else "succeeded"), outcome
+        assert (outcome.died == "worker") == (outcome.point in PARENTS), outcome
+        assert outcome.attempts <= 2, outcome
+    assert_whole(bench)
