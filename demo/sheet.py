@@ -70,7 +70,7 @@ class _Pen:
         (x0, y1), (x1, y0) = (_to_px(self.hall, p) for p in ((solid.x0, solid.y0), (solid.x1, solid.y1)))
         self.draw.rectangle((round(x0), round(y0), round(x1) - 1, round(y1) - 1), fill=0)
 
-    def line(self, *points: Point, weight: int = 2) -> None:
+    def line(self, *points: Point, weight: int = 1) -> None:
         self.draw.line([_to_px(self.hall, point) for point in points], fill=0, width=weight)
 
     def text(self, at: Point, words: str, *, height_px: int = 22, upright: bool = False) -> None:
@@ -88,7 +88,7 @@ class _Pen:
         """Draw an arc counted counter-clockwise from x, seen with y up [deg]."""
         x, y = _to_px(self.hall, centre)
         r = radius / METRES_PER_PX
-        self.draw.arc((x - r, y - r, x + r, y + r), -end_deg, -start_deg, fill=0, width=2)
+        self.draw.arc((x - r, y - r, x + r, y + r), -end_deg, -start_deg, fill=0, width=1)
 
 
 def _door(pen: _Pen, door: Door) -> None:
@@ -97,13 +97,13 @@ def _door(pen: _Pen, door: Door) -> None:
     width = o.size[0] if door.along_x else o.size[1]
     leaf = width / 2 if width > 2 else width
     if door.along_x:
-        pen.line((o.x0, o.y1), (o.x0, o.y1 + leaf), weight=3)
+        pen.line((o.x0, o.y1), (o.x0, o.y1 + leaf), weight=2)
         pen.arc((o.x0, o.y1), leaf, 0, 90)
         if leaf < width:
-            pen.line((o.x1, o.y1), (o.x1, o.y1 + leaf), weight=3)
+            pen.line((o.x1, o.y1), (o.x1, o.y1 + leaf), weight=2)
             pen.arc((o.x1, o.y1), leaf, 90, 180)
     else:
-        pen.line((o.x1, o.y0), (o.x1 + leaf, o.y0), weight=3)
+        pen.line((o.x1, o.y0), (o.x1 + leaf, o.y0), weight=2)
         pen.arc((o.x1, o.y0), leaf, 0, 90)
 
 
@@ -128,7 +128,7 @@ def _chain(pen: _Pen, marks: list[Point], *, from_: float) -> None:
             pen.line((from_ - 0.25, y), (x - over, y))
         else:
             pen.line((x, from_ - 0.25), (x, y - over))
-        pen.line((x - 0.12, y - 0.12), (x + 0.12, y + 0.12), weight=3)
+        pen.line((x - 0.12, y - 0.12), (x + 0.12, y + 0.12), weight=2)
     for a, b in pairwise(marks):
         length_mm = round(1000 * float(np.hypot(b[0] - a[0], b[1] - a[1])))
         middle = ((a[0] + b[0]) / 2, (a[1] + b[1]) / 2)
@@ -154,9 +154,9 @@ def _frame_and_title(pen: _Pen, hall: Hall) -> None:
     width, height = hall.sheet_size
     edge = 0.4
     right, upper = width - edge, height - edge
-    pen.line((edge, edge), (right, edge), (right, upper), (edge, upper), (edge, edge), weight=4)
+    pen.line((edge, edge), (right, edge), (right, upper), (edge, upper), (edge, edge), weight=3)
     left, top, row = width - edge - 9.0, edge + 2.4, 0.6
-    pen.line((left, edge), (left, top), (width - edge, top), weight=4)
+    pen.line((left, edge), (left, top), (width - edge, top), weight=3)
     rows = ("GROUNDPLAN DEMONSTRATION WORKS", "GENERAL ARRANGEMENT - GROUND FLOOR",
             f"DRAWING No GP-{hall.seed:04d}    REV A", "SCALE 1:100    DIMENSIONS IN mm")  # fmt: skip
     for number, words in enumerate(rows):

@@ -18,6 +18,7 @@ from worker.formats.pcd import read_pcd
 _RECIPE = {"voxel_size_m": 0.1, "wall_height_m": WALL_HEIGHT, "floor": True}
 _MAX_ERROR_M, _MAX_ERROR_DEG = 0.10, 1.0
 _MACHINE_POINTS = 200
+_EVIDENCE = ("euclidean_fitness_score_m2", "transformation_probability", "inlier_share", "residual_median_m")
 
 
 @dataclass(frozen=True)
@@ -69,7 +70,9 @@ class Story:
         self.console.say(f"drawing with dimension lines, numbers and a title block: {path}")
         drawing = steps.read_drawing(self.admin, map_id, content, clicked=clicked)
         self.console.say(f"uploaded {len(content)} bytes with a known length of {clicked.length_m:.2f} m")
-        self.console.say(f"read: {_numbers(drawing['reading'])}")
+        self.console.say(f"read: {_numbers(drawing['reading']['counts'])}")
+        set_aside = _numbers(drawing["reading"]["counts"]["removed"])
+        self.console.say(f"strokes set aside, each with its reason: {set_aside}")
         n = steps.build_revision(self.admin, map_id, drawing_id=drawing["id"], recipe=_RECIPE)
         expect(n == 1, f"the first revision has number {n}")
         self._publish(map_id, 1)
@@ -105,7 +108,10 @@ class Story:
         off, turned = steps.pose_of(placement).distance_to(scan.T_map_scan)
         verdict = placement["verdict"]
         self.console.say(f"placed, against the truth: {off:.4f} m and {math.degrees(turned):.3f} degrees off")
-        self.console.say(f"verdict: {verdict}; evidence: {_numbers(placement['evidence'])}")
+        evidence = {name: placement["evidence"][name] for name in _EVIDENCE}
+        self.console.say(f"verdict: {verdict}; {_numbers(evidence)}")
+        for reason in placement["reasons"]:
+            self.console.say(f"  {reason}")
         expect(verdict == "accepted", f"the verdict is {verdict}: {placement['reasons']}")
         expect(
             off <= _MAX_ERROR_M and math.degrees(turned) <= _MAX_ERROR_DEG,
