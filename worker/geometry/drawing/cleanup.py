@@ -14,7 +14,7 @@ from worker.geometry.drawing.strokes import Strokes
 
 SPECK, TEXT, SYMBOL = 0.12, 0.7, 2.4
 _BOX_ASPECT, _BOX_THICKEST, _BOX_SHORTEST = 2.2, 0.45, 0.5
-_DASH_LONGEST, _DASH_GAP, _DASH_MEMBERS = 2.0, 0.45, 4
+_DASH_SHORTEST, _DASH_LONGEST, _DASH_GAP, _DASH_MEMBERS = 0.06, 2.0, 0.45, 4
 _LIGHT_PEN = 0.6
 _BAR_FILL = 0.55
 _PIER_FILL, _PIER_LEAST = 0.8, 0.15
@@ -81,6 +81,7 @@ def dashed(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDArray[np.b
     """
     solid = (parts.fill >= _BAR_FILL) | (parts.short <= 4 * metres_per_px)
     bar = solid & (parts.short <= max(0.25, 3 * metres_per_px)) & (parts.long <= _DASH_LONGEST)
+    bar &= parts.long >= _DASH_SHORTEST
     chosen = _longest_of_each(strokes, bar)
     out = np.zeros(len(strokes), dtype=bool)
     if len(chosen) < _DASH_MEMBERS:

@@ -185,13 +185,14 @@ def _mostly_in(strokes: Strokes, mask: NDArray[np.bool_]) -> NDArray[np.bool_]:
 
 
 def _removed(ink: Ink, strokes: Strokes, layer: NDArray[np.str_]) -> list[RemovedStroke]:
-    """Return what was set aside: one feature a layer and connected part."""
+    """Return what was set aside: one feature a layer and connected part, and one for all specks."""
     out = []
     gone = np.flatnonzero(layer != "")
     order = gone[np.lexsort((strokes.part[gone], layer[gone]))]
     if not len(order):
         return []
-    change = (layer[order][1:] != layer[order][:-1]) | (np.diff(strokes.part[order]) != 0)
+    speck = layer[order] == "speck"
+    change = (layer[order][1:] != layer[order][:-1]) | ~speck[1:] & (np.diff(strokes.part[order]) != 0)
     for group in np.split(order, np.flatnonzero(change) + 1):
         name = str(layer[group[0]])
         lines = tuple(ink.to_drawing(strokes.ends[i]) for i in group)
