@@ -30,6 +30,9 @@ class AcceptancePolicy:
         Largest median distance of the inliers.
     least_upright_surfaces : int
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
+    largest_sensitivity_m : float
+        Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
+        that the drawing's own errors are magnified, unseen.
     runner_up_ratio : float
         A runner-up that explains this share of what the pose explains makes the pose ambiguous.
     least_agreement : float
@@ -43,6 +46,7 @@ class AcceptancePolicy:
     accepted_share_of_all: float = 0.4
     accepted_residual_m: float = 0.04
     least_upright_surfaces: int = 3
+    largest_sensitivity_m: float = 0.0305
     runner_up_ratio: float = 0.85
     least_agreement: float = 0.4
     largest_move_m: float = 3.0
@@ -141,6 +145,11 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
         doubts.append(
             f"The scan rests on {e.upright_surfaces} upright surfaces; with fewer than "
             f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
+        )
+    if not e.position_sensitivity_m <= policy.largest_sensitivity_m:
+        doubts.append(
+            "The walls seen hold the position from too few sides: if they stand 3 cm from where the map has them, "
+            f"it is {e.position_sensitivity_m * 100:.1f} cm off. Scan more of the room."
         )
     runner_up = e.runner_up_inlier_share
     if runner_up is not None and runner_up > policy.runner_up_ratio * e.inlier_share_of_structure:

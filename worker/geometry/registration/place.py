@@ -225,6 +225,7 @@ def _evidence(
     best, pose = found[0], found[0].end.T_map_scan
     faces = problem.target.kind == "faces"
     off = np.abs(best.fit.distance[best.fit.inlier])
+    shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
     eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
     tree = KDTree(problem.cloud)
     placed = pose.apply(problem.coarse)
@@ -251,6 +252,8 @@ def _evidence(
         ndt_resolution_m=problem.maps[1].resolution,
         information_eigenvalues=eigenvalues,
         weak_directions=weak,
+        position_sensitivity_m=shift,
+        yaw_sensitivity_rad=turn,
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
         starts=starts,
         starts_agreeing=best.end.starts,

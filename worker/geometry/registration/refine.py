@@ -11,8 +11,8 @@ from service.domain.transform import Transform
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, moved
 from worker.geometry.registration.surfaces import Surfaces
 
-_REACHES = (0.5, 0.3, 0.2, 0.15, 0.1)
-_STEPS_A_REACH = 6
+_ROUNDS = ((0.5, 5), (0.35, 5), (0.25, 5), (0.25, 25))
+_ROUGH_POINTS = 1500
 _TILT_PRIOR = np.deg2rad(1.0)
 _PRIOR_NOISE = 0.02
 _LEAST_MATCHES = 20
@@ -33,11 +33,11 @@ def refine_to_surfaces(
     surfaces: Surfaces,
     *,
     initial: Transform,
-    tolerance: float = 2e-4,
+    tolerance: float = 5e-4,
 ) -> Refined:
     """Return the pose near `initial` that puts the points onto the surfaces, robustly.
 
-    Points farther from every surface than a reach that narrows from 0.5 to 0.1 m take no part: the target
+    Points farther from every surface than a reach that narrows from 0.5 to 0.25 m take no part: the target
     object, which the map lacks, neither helps nor harms. Tilt is solved for in the last round only, and held
     by a prior of 1 degree, since tablets know where up is.
 
@@ -59,10 +59,12 @@ def refine_to_surfaces(
     """
     pose, iterations, small = initial, 0, False
     lever = max(float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))), 1e-3)
-    for reach in _REACHES:
-        unknowns = np.array(ALL_SIX if reach == _REACHES[-1] else LEVELLED)
-        for _ in range(_STEPS_A_REACH):
-            step = _step(points, normals, surfaces, pose=pose, reach=reach, unknowns=unknowns)
+    some = slice(None, None, 1 + len(points) // _ROUGH_POINTS)
+    for reach, steps in _ROUNDS:
+        last = steps == _ROUNDS[-1][1]
+        unknowns, used = np.array(ALL_SIX if last else LEVELLED), slice(None) if last else some
+        for _ in range(steps):
+            step = _step(points[used], normals[used], surfaces, pose=pose, reach=reach, unknowns=unknowns)
             if step is None:
                 return Refined(pose, False, iterations)
             xi, centre = step

@@ -15,8 +15,8 @@ from worker.geometry.drawing.reading import Column, Wall
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
 
 ALONG_STEP = 0.05
-_UP_STEP = 0.1
-_PLANE_STEP = 0.1
+_UP_STEP = 0.15
+_PLANE_STEP = 0.15
 _CLOUD_STEP = 0.05
 
 
