@@ -148,7 +148,8 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
         )
     if not e.position_sensitivity_m <= policy.largest_sensitivity_m:
         doubts.append(
-            "The walls seen hold the position from too few sides: if they stand 3 cm from where the map has them, "
+            "The walls seen hold the position from too few sides: "
+            "if they stand 3 cm from where the map has them, "
             f"it is {e.position_sensitivity_m * 100:.1f} cm off. Scan more of the room."
         )
     runner_up = e.runner_up_inlier_share

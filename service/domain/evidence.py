@@ -46,8 +46,8 @@ class PlacementEvidence:
     weak_directions : tuple of str
         Motions that the inliers hardly determine: ``x``, ``y``, ``z``, ``yaw``, ``tilt``, or ``along <deg>``.
     position_sensitivity_m, yaw_sensitivity_rad : float
-        How far the pose would move, at the scan's origin and in its worst level direction, if each piece of wall
-        stood 3 cm from where the map has it (one sigma). Residuals do not show this.
+        How far the pose would move, at the scan's origin and in its worst level direction, if each wall stood
+        3 cm and half a degree from where the map has it (one sigma). Residuals do not show this.
     upright_surfaces : int
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
     starts, starts_agreeing : int

@@ -3,4 +3,4 @@
 from numba import config
 
 # OpenMP first: it is there wherever numba's wheel is, and a TBB of the system is too old more often than not.
-config.THREADING_LAYER_PRIORITY = ["omp", "workqueue"]
+vars(config)["THREADING_LAYER_PRIORITY"] = ["omp", "workqueue", "tbb"]

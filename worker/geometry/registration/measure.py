@@ -118,7 +118,7 @@ def information(fit: Fit, *, unknowns: tuple[int, ...]) -> tuple[tuple[float, ..
 
 
 def map_error_effect(fit: Fit, *, pose: Transform, unknowns: tuple[int, ...]) -> tuple[float, float]:
-    """Return how far the pose moves if every wall is drawn 3 cm and half a degree wrong: [m], [rad], one sigma.
+    """Return one sigma of the pose, [m] and [rad], if every wall is drawn 3 cm and half a degree wrong.
 
     A drawing deviates from its building by centimetres. Where walls stand on all sides that averages out
     and shows in the residuals; where the walls hold the pose just so, it moves the pose, by more than itself
@@ -165,7 +165,7 @@ def map_error_effect(fit: Fit, *, pose: Transform, unknowns: tuple[int, ...]) ->
 
 
 def _surfaces_of(p: NDArray[np.float64], n: NDArray[np.float64]) -> list[NDArray[np.intp]]:
-    """Return the indices of the points of each surface: one heading within 10 degrees, one offset within 0.25 m."""
+    """Return the points of each surface as indices: headings within 10 degrees, offsets within 0.25 m."""
     heading = np.round(np.arctan2(n[:, 1], n[:, 0]) / np.deg2rad(20.0)) * (np.abs(n[:, 2]) < 0.7)
     offset = np.floor(np.sum(n * (p - p.mean(axis=0)), axis=1) / 0.5)
     _, member = np.unique(np.column_stack([heading, offset]), axis=0, return_inverse=True)
