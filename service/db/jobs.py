@@ -242,11 +242,8 @@ def release(session: Session, attempt: Attempt, *, now: datetime) -> None:
 def crashed(*, attempts: int, last: str) -> JobCrashed:
     """Return the refusal that a job fails with when its process died `attempts` times."""
     times = "once" if attempts == 1 else f"{attempts} times"
-    return JobCrashed(
-        f"The job was tried {times} and its process ended each time before it was done: {last}.",
-        attempts=attempts,
-        last=last,
-    )
+    detail = f"The job was tried {times} and did not come to its end; the last time: {last}."
+    return JobCrashed(detail, attempts=attempts, last=last)
 
 
 def request_cancel(session: Session, job_id: str, *, now: datetime) -> Job:

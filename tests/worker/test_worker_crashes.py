@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import hashlib
+import os
+import signal
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -65,6 +67,7 @@ class Story:
         self.scan = self.done(bench.add_scan(self.cloud))
 
     def done(self, job_id: str) -> str:
+        """Return the job, which has succeeded."""
         assert self.bench.wait_final(job_id).state == JobState.SUCCEEDED
         return job_id
 
@@ -83,7 +86,7 @@ class Story:
         return makers.get(point.partition(".")[0], default)()
 
     def crash(self, point: str) -> Outcome:
-        """Let a process die at the point, start the worker anew where it was the worker, and see it through."""
+        """Let a process die at the point, start the worker anew if it was that, and see it through."""
         begun = time.monotonic()
         self.bench.order_crash(point)
         if point.startswith("message-ready"):
@@ -106,15 +109,12 @@ class Story:
 
 
 def kill_all(pids: list[int]) -> None:
-    import os  # noqa: PLC0415
-    import signal  # noqa: PLC0415
-
     for pid in pids:
         os.kill(pid, signal.SIGKILL)
 
 
 def assert_whole(bench: Workbench) -> None:
-    """Assert that every job has ended, every result is there once, and every byte that a row names is kept."""
+    """Assert that every job has ended, each result is there once, and each blob of a row is whole."""
     with bench.kernel.db.reading() as session:
         assert not session.scalars(select(Job).where(Job.state.in_(["queued", "running"]))).all()
         succeeded = {j.id: j for j in session.scalars(select(Job).where(Job.state == "succeeded"))}
