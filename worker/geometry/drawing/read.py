@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing import cleanup
-from worker.geometry.drawing.ink import Ink, find_ink
+from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.pairs import Pairs, find_pairs, regular_patterns
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.strokes import Strokes, find_strokes
@@ -22,10 +22,12 @@ Progress = Callable[[str, float], None]
 
 _ASSUMED_EXTENT = 30.0
 _FILLED_SHARE = 0.3
+_MOST_DUST = 5_000
 _MOSTLY_FACE = 0.3
 _LEAST_PARTITION, _LEAST_REST = 0.5, 0.1
 _REASONS = {
     "speck": "free-standing and smaller than 12 cm",
+    "dust": "free-standing and smaller than 4 cm; `counts.dust` tells how many, an even selection is shown",
     "text": "free-standing and smaller than 70 cm: a letter, a number or a symbol",
     "symbol": "free-standing and smaller than 2.4 m, and not in the shape of a wall",
     "dashed": "one of a row of free bars: a dashed line",
@@ -75,7 +77,7 @@ def read_raster(
     tell = progress or (lambda _stage, _share: None)
     tell("ink", 0.05)
     scale = metres_per_px or _ASSUMED_EXTENT / max(grey.shape)
-    ink = find_ink(grey, scale)
+    ink, dust = drop_dust(find_ink(grey, scale))
     tell("strokes", 0.2)
     strokes = find_strokes(ink, ink.mask)
     if not len(strokes):
@@ -89,7 +91,9 @@ def read_raster(
             f"at {scale:.5g} m a pixel the sheet is {wide:.1f} x {high:.1f} m."
         )
     size = (grey.shape[1] * scale, grey.shape[0] * scale)
-    reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, ())
+    removed += _dust(dust, ink.metres_per_px)
+    counts: dict[str, float] = {"dust": len(dust)}
+    reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, counts=counts)
     tell("walls", 0.95)
     return reading if metres_per_px is not None else _in_pixels(reading, scale)
 
@@ -200,6 +204,13 @@ def _removed(ink: Ink, strokes: Strokes, layer: NDArray[np.str_]) -> list[Remove
     return out
 
 
+def _dust(dust: NDArray[np.float64], edge: float) -> list[RemovedStroke]:
+    """Return the specks as one feature of tiny strokes; of a sheet full of them, an even selection."""
+    shown = dust[:: max(1, -(-len(dust) // _MOST_DUST))]
+    lines = tuple(np.stack([p, p + np.array([edge, 0.0])]) for p in shown)
+    return [RemovedStroke(lines, "speck", _REASONS["dust"])] if lines else []
+
+
 def _in_pixels(reading: Reading, scale: float) -> Reading:
     """Return the reading in pixels of the sheet, with a finding that says so."""
     finding = Finding(
@@ -219,4 +230,5 @@ def _in_pixels(reading: Reading, scale: float) -> Reading:
         None,
         reading.style,
         (*reading.findings, finding),
+        reading.counts,
     )
