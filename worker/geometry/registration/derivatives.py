@@ -10,14 +10,18 @@ bits whatever the number of threads.
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+from contextlib import contextmanager
+
 import numpy as np
-from numba import njit, prange
+from numba import get_num_threads, njit, prange, set_num_threads
 from numpy.typing import NDArray
 
 from worker.geometry.registration.cells import find_row
 from worker.geometry.registration.ndt_map import NdtMap
 
 _CHUNK = 256
+_WORTH_THREADS = 20_000
 
 
 def derivatives(
@@ -48,7 +52,8 @@ def derivatives(
     with the radius `resolution`, which lie within the 27 cells around the point's own.
     """
     d1, d2 = ndt_map.gauss
-    sums = _accumulate(
+    with _threads_for(len(points)):
+        sums = _accumulate(
         points, centre, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys,
         ndt_map.table_rows, ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
     )  # fmt: skip
@@ -71,11 +76,24 @@ def score_points(
         The target.
     """
     d1, d2 = ndt_map.gauss
-    both = _score_each(
+    with _threads_for(len(points)):
+        both = _score_each(
         points, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys, ndt_map.table_rows,
         ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
     )  # fmt: skip
     return both[:, 0], both[:, 1]
+
+
+@contextmanager
+def _threads_for(count: int) -> Iterator[None]:
+    """Let compiled loops over few points run on one thread: waking others costs more than it gives."""
+    before = get_num_threads()
+    if count < _WORTH_THREADS:
+        set_num_threads(1)
+    try:
+        yield
+    finally:
+        set_num_threads(before)
 
 
 @njit(cache=True, parallel=True)

@@ -34,6 +34,8 @@ TARGET, REFERENCE = 0, 1
 """Labels of a scan's points: not explained by the map, and explained by it."""
 _NDT_STEP = 0.2
 _FIT_STEP = 0.1
+_MOST_COARSE = 8_000
+_MOST_FINE = 8_000
 _MARGIN = 2.0
 _MOST_CANDIDATES = 4
 _FURNITURE = 1.2
@@ -173,7 +175,8 @@ def _prepare(
     scan: PointCloud, target: PlacementTarget, initial: Transform, ndt_resolution: float
 ) -> _Problem:
     """Return the thinned scan and what of the map lies around it."""
-    coarse, fine = voxel_grid_filter(scan.points, _NDT_STEP), voxel_grid_filter(scan.points, _FIT_STEP)
+    coarse = _thinned(scan.points, _NDT_STEP, most=_MOST_COARSE)
+    fine = _thinned(scan.points, _FIT_STEP, most=_MOST_FINE)
     if len(fine) < 100:
         raise PlacementNotComputed(
             f"The scan has {len(fine)} points at {_FIT_STEP} m spacing; at least 100 are needed to place it."
@@ -192,6 +195,14 @@ def _prepare(
             f"(x {centre[0]:.1f}, y {centre[1]:.1f}); check the rough pose, or the size of the NDT cells."
         )
     return _Problem(coarse, fine, normals, surfaces, maps, target, cloud)
+
+
+def _thinned(points: NDArray[np.float64], step: float, *, most: int) -> NDArray[np.float64]:
+    """Return one point a voxel of edge `step` [m], and a wider one where that gives more than `most`."""
+    kept = voxel_grid_filter(points, step)
+    if len(kept) > most:
+        kept = voxel_grid_filter(points, step * float(np.sqrt(len(kept) / most)))
+    return kept
 
 
 def _refine_ends(problem: _Problem, ends: list[End], middle: NDArray[np.float64]) -> list[_Found]:
@@ -227,7 +238,7 @@ def _evidence(
     off = np.abs(best.fit.distance[best.fit.inlier])
     shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
     eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
-    tree = KDTree(problem.cloud)
+    tree = problem.surfaces.tree if faces else KDTree(problem.cloud)
     placed = pose.apply(problem.coarse)
     near = tree.query(placed, distance_upper_bound=problem.maps[1].resolution)[0]
     others = [(*apart_at(pose, f.end.T_map_scan, middle), f.fit.structure_share) for f in found[1:]]
