@@ -2,16 +2,20 @@
 
 from __future__ import annotations
 
+import asyncio
 import secrets
 import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
+from dataclasses import asdict
 from datetime import UTC, datetime
 from importlib.metadata import version
 
+import structlog
 from fastapi import FastAPI
 from sqlalchemy.engine import make_url
 from sqlalchemy.exc import SQLAlchemyError
+from starlette.concurrency import run_in_threadpool
 from starlette.types import ASGIApp
 
 from service.api import openapi, problems
@@ -24,11 +28,13 @@ from service.api.routes import problems as problem_pages
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
 from service.domain.bounds import Bounds
+from service.domain.errors import DomainError
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
 from service.usecases.kernel import Kernel
 from service.usecases.stats import job_figures
+from service.usecases.sweep_storage import sweep_storage
 
 _ROUTERS = (
     maps.router,
@@ -42,6 +48,9 @@ _ROUTERS = (
     health.router,
     problem_pages.router,
 )
+
+
+_SWEEP_EVERY_S = 600.0
 
 
 class Application(FastAPI):
@@ -87,6 +96,20 @@ def require_schema(kernel: Kernel) -> None:
         )
 
 
+async def _sweep_for_ever(kernel: Kernel, pieces: PieceStore, settings: Settings) -> None:
+    """Make room at the start and then every few minutes; what fails once may succeed the next time."""
+    log = structlog.get_logger("service.sweep")
+    while True:
+        try:
+            swept = await run_in_threadpool(
+                sweep_storage, kernel, pieces, idempotency_expiry_s=settings.idempotency_expiry_s
+            )
+            log.info("swept", **asdict(swept))
+        except (DomainError, OSError, SQLAlchemyError) as error:
+            log.warning("sweep-failed", cause=repr(error))
+        await asyncio.sleep(_SWEEP_EVERY_S)
+
+
 def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     """Return the HTTP application on the database and the folder that the settings name.
 
@@ -110,8 +133,10 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
+        sweeping = asyncio.create_task(_sweep_for_ever(kernel, app.state.pieces, settings))
         yield
         app.state.stopping.set()
+        sweeping.cancel()
         if own:
             kernel.db.close()
 
