@@ -45,7 +45,8 @@ def _play(folder: Path, args: argparse.Namespace, console: Console) -> None:
         console.say(f"look at {preview}")
         if args.wait:
             console.say(f"{running.address} stays up; admin key: {running.admin_key}; Ctrl-C stops it")
-            running.process.wait()
+            status = running.process.wait()
+            raise DemoFailed(f"groundplan up ended by itself with status {status}")
 
 
 def _parser() -> argparse.ArgumentParser:

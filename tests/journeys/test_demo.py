@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 import os
 import re
+import socket
 import subprocess
 import sys
 from pathlib import Path
@@ -51,4 +52,13 @@ def test_the_demo_refuses_a_folder_that_has_data_already(tmp_path: Path) -> None
     ran = _run("--no-wait", "--output", str(tmp_path))
     assert ran.returncode == 1
     assert "exists already" in ran.stderr
+    assert "Traceback" not in ran.stderr
+
+
+def test_the_demo_says_why_the_service_did_not_start(tmp_path: Path) -> None:
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        port = taken.getsockname()[1]
+        ran = _run("--no-wait", "--output", str(tmp_path), "--port", str(port))
+    assert ran.returncode == 1
+    assert "groundplan up ended with status" in ran.stderr
     assert "Traceback" not in ran.stderr
