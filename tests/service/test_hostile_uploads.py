@@ -1,4 +1,4 @@
-"""Files that lie, break off, explode or never end: each gets its own problem, the service stays up and small."""
+"""Files that lie, break off or explode: each has its own problem, and the service stays up and small."""
 
 from __future__ import annotations
 
