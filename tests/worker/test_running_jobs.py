@@ -9,7 +9,6 @@ import time
 from collections import Counter
 from pathlib import Path
 
-import numpy as np
 import pytest
 from PIL import Image
 from sqlalchemy import select
@@ -19,6 +18,7 @@ from service.db.models import Artifact, Drawing, Job, Revision
 from service.domain.lifecycle import JobState
 from tests.worker.workbench import (
     Workbench,
+    a_slow_drawing,
     a_small_drawing,
     a_small_scan,
     children_of,
@@ -26,17 +26,6 @@ from tests.worker.workbench import (
 )
 
 pytestmark = pytest.mark.slow
-
-
-def a_slow_drawing(path: Path) -> Path:
-    """Write a sheet full of strokes that takes seconds to read."""
-    rng = np.random.default_rng(3)
-    sheet = np.full((4000, 4000), 255, dtype=np.uint8)
-    for x, y, length in rng.integers(0, 3900, (6000, 3)):
-        sheet[y : y + 3, x : x + length % 300] = 0
-        sheet[y : y + length % 300, x : x + 3] = 0
-    Image.fromarray(sheet).save(path)
-    return path
 
 
 def running_job_pid(worker: subprocess.Popen[bytes]) -> int:

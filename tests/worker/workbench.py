@@ -45,6 +45,17 @@ def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
     return path
 
 
+def a_slow_drawing(path: Path) -> Path:
+    """Write a sheet full of strokes that takes seconds to read."""
+    rng = np.random.default_rng(3)
+    sheet = np.full((800, 800), 255, dtype=np.uint8)
+    for x, y, length in rng.integers(0, 700, (80, 3)):
+        sheet[y : y + 3, x : x + length % 300] = 0
+        sheet[y : y + length % 300, x : x + 3] = 0
+    Image.fromarray(sheet).save(path)
+    return path
+
+
 def a_small_scan(path: Path) -> Path:
     """Write a PCD of the walls of `a_small_drawing`'s room, 2.5 m high, in the map's own frame."""
     along, up = np.arange(0.0, 1.0, 0.01), np.arange(0.05, 2.5, 0.1)
