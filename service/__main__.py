@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import signal
 import socket
 import sys
 from pathlib import Path
@@ -39,9 +40,11 @@ class _Server(uvicorn.Server):
         if self.started:
             _say(f"Groundplan listens at {self._address}")
 
-    def handle_exit(self, sig: int, frame: FrameType | None) -> None:
+    def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the interface
+        """Stop gracefully; a second SIGINT at once. The signal is not raised again: stopping is success."""
         self._app.state.stopping.set()
-        super().handle_exit(sig, frame)
+        self.force_exit = self.should_exit and sig == signal.SIGINT
+        self.should_exit = True
 
 
 def main(argv: list[str] | None = None) -> int:

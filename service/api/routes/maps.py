@@ -52,7 +52,7 @@ def list_maps(
 
 @router.get("/{map_id}", response_model=MapOut)
 def get_map(kernel: KernelDep, actor: AnyActor, map_id: MapId) -> MapOut:
-    """Show one map."""
+    """Show one map: its site, its name, and when they were last changed."""
     with kernel.db.reading() as session:
         return MapOut.model_validate(maps.covered_map(session, actor, map_id=map_id))
 

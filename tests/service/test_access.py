@@ -1,0 +1,249 @@
+"""Each route for each role, without a key, and for things of a map that the key does not cover."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from datetime import UTC, datetime, timedelta
+from typing import Any
+
+import httpx
+import pytest
+
+from tests.server import ClientFor, Server
+from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
+from tests.service.by_hand import ByHand
+
+EVERYBODY = frozenset({"robot", "tablet", "admin"})
+STAFF = frozenset({"tablet", "admin"})
+ADMINS = frozenset({"admin"})
+
+
+@dataclass(frozen=True)
+class Route:
+    """Hold who may use a route and, where it belongs to a map, what a foreign key is told.
+
+    Parameters
+    ----------
+    foreign : str, optional
+        Slug of the refusal when the key does not cover the map; "forbidden" where only a key of all maps
+        will do; None where the route shows each key its own.
+    """
+
+    method: str
+    path: str
+    roles: frozenset[str]
+    foreign: str | None
+    body: dict[str, Any] | None = None
+    form: bool = False
+
+
+ROUTES = (
+    Route("POST", "/v1/maps", ADMINS, "forbidden", {"site": "S", "name": "new"}),
+    Route("GET", "/v1/maps", EVERYBODY, None),
+    Route("GET", "/v1/maps/{map_id}", EVERYBODY, "map-not-found"),
+    Route("PATCH", "/v1/maps/{map_id}", ADMINS, "map-not-found", {}),
+    Route("POST", "/v1/maps/{map_id}/drawings", STAFF, "map-not-found", form=True),
+    Route("GET", "/v1/maps/{map_id}/drawings", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/drawings/{drawing_id}", EVERYBODY, "drawing-not-found"),
+    Route(
+        "PATCH", "/v1/drawings/{drawing_id}", STAFF, "drawing-not-found", {"scale": {"metres_per_unit": 0.05}}
+    ),
+    Route("GET", "/v1/drawings/{drawing_id}/{name}", EVERYBODY, "drawing-not-found"),
+    Route("POST", "/v1/maps/{map_id}/scans", STAFF, "map-not-found", form=True),
+    Route("GET", "/v1/maps/{map_id}/scans", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/scans/{scan_id}", EVERYBODY, "scan-not-found"),
+    Route("GET", "/v1/scans/{scan_id}/preview.png", EVERYBODY, "scan-not-found"),
+    Route("GET", "/v1/scans/{scan_id}/points", EVERYBODY, "scan-not-found"),
+    Route("POST", "/v1/maps/{map_id}/revisions", STAFF, "map-not-found", {"base": 1}),
+    Route("GET", "/v1/maps/{map_id}/revisions", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/maps/{map_id}/revisions/{n}", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/maps/{map_id}/revisions/{n}/artifacts", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/maps/{map_id}/revisions/{n}/artifacts/{path}", EVERYBODY, "map-not-found"),
+    Route("POST", "/v1/maps/{map_id}/revisions/{n}/publish", ADMINS, "map-not-found", {}),
+    Route("GET", "/v1/maps/{map_id}/published", EVERYBODY, "map-not-found"),
+    Route(
+        "POST",
+        "/v1/scans/{scan_id}/placements",
+        STAFF,
+        "scan-not-found",
+        {"rough_pose": {"x_m": 0, "y_m": 0}},
+    ),
+    Route("GET", "/v1/scans/{scan_id}/placements", STAFF, "scan-not-found"),
+    Route("GET", "/v1/placements/{placement_id}", STAFF, "placement-not-found"),
+    Route("POST", "/v1/placements/{placement_id}/accept", STAFF, "placement-not-found", {}),
+    Route("GET", "/v1/jobs", STAFF, None),
+    Route("GET", "/v1/jobs/{job_id}", STAFF, "job-not-found"),
+    Route("POST", "/v1/jobs/{job_id}/cancel", STAFF, "job-not-found"),
+    Route("POST", "/v1/jobs/{job_id}/retry", STAFF, "job-not-found"),
+    Route("GET", "/v1/jobs/{job_id}/events", STAFF, "job-not-found"),
+    Route("POST", "/v1/keys", ADMINS, "forbidden", {"name": "k", "role": "robot"}),
+    Route("GET", "/v1/keys", ADMINS, "forbidden"),
+    Route("DELETE", "/v1/keys/{key_id}", ADMINS, "forbidden"),
+    Route("GET", "/v1/stats", ADMINS, "forbidden"),
+)
+OPEN = {
+    ("GET", "/healthz"),
+    ("GET", "/readyz"),
+    ("GET", "/metrics"),
+    ("GET", "/problems/{slug}"),
+    ("OPTIONS", "/v1/tus"),
+}
+TUS = {
+    ("POST", "/v1/tus"),
+    ("HEAD", "/v1/tus/{upload_id}"),
+    ("PATCH", "/v1/tus/{upload_id}"),
+    ("DELETE", "/v1/tus/{upload_id}"),
+}
+"""Resumable uploads have a file of tests of their own, access included."""
+
+
+@pytest.fixture(scope="module")
+def ids(admin: httpx.Client, by_hand: ByHand) -> dict[str, str]:
+    """Give one of each thing, all of one map."""
+    map_id = a_map(admin)
+    a_ready_revision(admin, by_hand, map_id)
+    ok(admin.post(f"/v1/maps/{map_id}/revisions/1/publish", json={}))
+    placement_id = a_placement(admin, by_hand, map_id)
+    placement = ok(admin.get(f"/v1/placements/{placement_id}"))
+    drawing = ok(admin.get(f"/v1/maps/{map_id}/drawings"))["items"][0]
+    spare = ok(admin.post("/v1/keys", json={"name": "spare", "role": "robot"}), 201)
+    return {
+        "map_id": map_id,
+        "n": "1",
+        "path": "point-cloud.pcd",
+        "drawing_id": drawing["id"],
+        "name": "walls.geojson",
+        "scan_id": placement["scan_id"],
+        "placement_id": placement_id,
+        "job_id": placement["job_id"],
+        "key_id": spare["id"],
+    }
+
+
+def _ask(client: httpx.Client, route: Route, ids: dict[str, str]) -> httpx.Response:
+    more: dict[str, Any] = {}
+    if route.body is not None:
+        more["json"] = route.body
+    if route.form:
+        more["files"] = {"file": ("file", b"text", "text/plain")}
+    return client.request(route.method, route.path.format(**ids), **more)
+
+
+def test_every_route_is_in_the_table(server: Server) -> None:
+    schema = ok(httpx.get(f"{server.url}/openapi.json"))
+    routes = {(method.upper(), path) for path, methods in schema["paths"].items() for method in methods}
+    assert routes == {(route.method, route.path) for route in ROUTES} | OPEN | TUS
+    keyless = {
+        (method.upper(), path)
+        for path, methods in schema["paths"].items()
+        for method, operation in methods.items()
+        if not operation.get("security")
+    }
+    assert keyless == OPEN
+
+
+@dataclass(frozen=True)
+class Holders:
+    """Hold a client of each role for the things' map, for another map, and for all maps."""
+
+    own: dict[str, httpx.Client]
+    foreign: dict[str, httpx.Client]
+    everywhere: dict[str, httpx.Client]
+
+
+@pytest.fixture(scope="module")
+def holders(admin: httpx.Client, ids: dict[str, str], client_for: ClientFor) -> Holders:
+    other = a_map(admin)
+    return Holders(
+        {role: client_for(role, [ids["map_id"]]) for role in EVERYBODY},
+        {role: client_for(role, [other]) for role in EVERYBODY},
+        {role: client_for(role) for role in EVERYBODY},
+    )
+
+
+@pytest.mark.parametrize("route", ROUTES, ids=lambda route: f"{route.method} {route.path}")
+def test_a_route_is_open_to_its_roles_alone(
+    route: Route, server: Server, ids: dict[str, str], holders: Holders
+) -> None:
+    answer = _ask(server.client(None), route, ids)
+    refused(answer, 401, "unauthenticated")
+    assert answer.headers["www-authenticate"].startswith("Bearer")
+    for role in sorted(EVERYBODY):
+        if role not in route.roles:
+            problem = refused(_ask(holders.own[role], route, ids), 403, "forbidden")
+            assert set(problem["required_roles"]) == route.roles
+            continue
+        told = _ask(holders.foreign[role], route, ids)
+        if route.foreign is None:
+            assert ids["map_id"] not in told.text
+            ok(told)
+        else:
+            refused(told, 403 if route.foreign == "forbidden" else 404, route.foreign)
+
+
+@pytest.mark.parametrize("route", ROUTES, ids=lambda route: f"{route.method} {route.path}")
+def test_a_route_lets_its_roles_in(route: Route, ids: dict[str, str], holders: Holders) -> None:
+    for role in sorted(route.roles):
+        client = (holders.everywhere if route.foreign == "forbidden" else holders.own)[role]
+        answer = _ask(client, route, ids)
+        assert answer.status_code not in {401, 403, 404}, answer.text
+        assert answer.status_code < 500
+
+
+def test_a_thing_of_another_map_is_told_like_none_at_all(
+    admin: httpx.Client, ids: dict[str, str], client_for: ClientFor
+) -> None:
+    stranger = client_for("tablet", [a_map(admin)])
+    for kind, path in (
+        ("scan_id", "/v1/scans/"),
+        ("placement_id", "/v1/placements/"),
+        ("job_id", "/v1/jobs/"),
+    ):
+        foreign, missing = stranger.get(path + ids[kind]), stranger.get(path + "none")
+        assert (foreign.status_code, missing.status_code) == (404, 404)
+        assert foreign.text.replace(ids[kind], "none") == missing.text
+
+
+def test_keys_that_hold_no_more(server: Server, admin: httpx.Client) -> None:
+    soon = (datetime.now(UTC) + timedelta(seconds=1.5)).isoformat()
+    short = ok(admin.post("/v1/keys", json={"name": "k", "role": "robot", "expires_at": soon}), 201)
+    long = ok(admin.post("/v1/keys", json={"name": "k", "role": "robot"}), 201)
+    brief, revoked = server.client(short["key"]), server.client(long["key"])
+    ok(brief.get("/v1/maps"))
+    ok(revoked.get("/v1/maps"))
+    for _ in range(2):
+        assert admin.delete(f"/v1/keys/{long['id']}").status_code == 204
+    assert "revoked" in refused(revoked.get("/v1/maps"), 401, "unauthenticated")["detail"]
+    while brief.get("/v1/maps").status_code == 200:
+        pass
+    assert "expired" in refused(brief.get("/v1/maps"), 401, "unauthenticated")["detail"]
+    listed, cursor = {}, ""
+    while cursor is not None:
+        page = ok(admin.get("/v1/keys", params={"cursor": cursor} if cursor else {}))
+        listed |= {key["id"]: key for key in page["items"]}
+        cursor = page["next_cursor"]
+    assert listed[long["id"]]["revoked_at"]
+    assert "key" not in listed[long["id"]]
+
+
+@pytest.mark.parametrize(
+    "header", ["gp_x", "Bearer", "Bearer ", "Basic Z3A6eA==", "Bearer gp_" + "x" * 43, "Bearer " + "y" * 9000]
+)
+def test_what_is_no_key(server: Server, header: str) -> None:
+    answer = server.client(None).get("/v1/maps", headers={"Authorization": header.strip()})
+    refused(answer, 401, "unauthenticated")
+
+
+@pytest.mark.parametrize(
+    ("body", "status"),
+    [
+        ({"name": "k", "role": "owner"}, 422),
+        ({"name": "k", "role": "robot", "map_ids": []}, 422),
+        ({"name": "k", "role": "robot", "map_ids": ["map_none"]}, 404),
+        ({"name": "k", "role": "robot", "expires_at": "2020-01-01T00:00:00Z"}, 422),
+        ({"name": "k", "role": "robot", "expires_at": "2090-01-01T00:00:00"}, 422),
+    ],
+)
+def test_keys_that_cannot_be_made(admin: httpx.Client, body: dict[str, Any], status: int) -> None:
+    answer = admin.post("/v1/keys", json=body)
+    assert answer.status_code == status, answer.text

@@ -1,0 +1,183 @@
+"""The service's process: what it loads, how it starts, refuses to start, and stops."""
+
+from __future__ import annotations
+
+import json
+import re
+import socket
+import subprocess
+import sys
+import threading
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.app import open_kernel
+from service.db.schema import upgrade
+from service.settings import Settings
+from tests.server import ROOT, Server, environment, running, start
+from tests.service.asking import a_map, ok
+from tests.service.by_hand import ByHand
+
+MIB = 1024 * 1024
+HEAVY = ("scipy", "numba", "open3d", "cv2", "PIL", "skimage", "shapely", "plyfile", "pypcd4", "ezdxf")
+
+
+def _run(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
+    command = [sys.executable, "-m", "service", *words]
+    return subprocess.run(
+        command, capture_output=True, text=True, check=False, cwd=ROOT, env=environment(settings)
+    )
+
+
+def _migrated(settings: Settings) -> Settings:
+    settings.data_dir.mkdir(parents=True, exist_ok=True)
+    kernel = open_kernel(settings)
+    upgrade(kernel.db.engine)
+    kernel.db.close()
+    return settings
+
+
+def test_the_service_loads_nothing_heavy() -> None:
+    code = "import json, sys, service.__main__; print(json.dumps(sorted(sys.modules)))"
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
+    assert not loaded & set(HEAVY)
+    assert "worker" not in loaded
+
+
+def test_the_service_is_small_at_rest(server: Server) -> None:
+    ok(httpx.get(server.url + "/readyz"))
+    assert server.rss_bytes < 150 * MIB
+
+
+def test_an_unmigrated_database_is_refused(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    for words in (("serve",), ("key", "create", "--role", "robot")):
+        done = _run(settings, *words)
+        assert (done.returncode, done.stdout) == (1, "")
+        assert "run `groundplan migrate` first" in done.stderr
+        assert len(done.stderr.splitlines()) == 1
+    assert _run(settings, "migrate").returncode == 0
+    made = _run(settings, "key", "create", "--role", "robot", "--name", "r2")
+    assert (made.returncode, re.fullmatch(r"gp_[\w-]{43}\n", made.stdout) is not None) == (0, True)
+
+
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"GROUNDPLAN_PORT": "x"}, "port"),
+        ({"GROUNDPLAN_LOG_LEVEL": "loud"}, "loud"),
+        ({"GROUNDPLAN_DATABASE_URL": "postgresql+psycopg://u:hush@127.0.0.1:1/x"}, "cannot be used"),
+        ({"GROUNDPLAN_CRASH_AT": "nowhere"}, "nowhere"),
+    ],
+)
+def test_a_wrong_setting_is_one_line(tmp_path: Path, variables: dict[str, str], said: str) -> None:
+    settings = Settings(data_dir=tmp_path)
+    done = subprocess.run(
+        [sys.executable, "-m", "service", "serve"],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=environment(settings, **variables),
+    )
+    assert done.returncode == 1
+    assert said in done.stderr
+    assert "Traceback" not in done.stderr
+    assert "hush" not in done.stderr
+
+
+def test_a_taken_port_is_one_line(tmp_path: Path) -> None:
+    settings = _migrated(Settings(data_dir=tmp_path))
+    with socket.create_server(("127.0.0.1", 0)) as taken:
+        done = _run(settings, "serve", "--port", str(taken.getsockname()[1]))
+    assert done.returncode == 1
+    assert "Address already in use" in done.stderr
+    assert "Traceback" not in done.stderr
+
+
+def test_a_key_at_the_console_is_for_maps_that_exist(server: Server, admin: httpx.Client) -> None:
+    map_id = a_map(admin)
+    made = _run(server.settings, "key", "create", "--role", "tablet", "--map", map_id)
+    tablet = server.client(made.stdout.strip())
+    assert [m["id"] for m in ok(tablet.get("/v1/maps"))["items"]] == [map_id]
+    refused = _run(server.settings, "key", "create", "--role", "tablet", "--map", "map_none")
+    assert (refused.returncode, refused.stdout) == (1, "")
+    assert "map-not-found" in refused.stderr
+
+
+def test_the_first_key_is_printed_once(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    first = start(settings)
+    first.close()
+    second = start(settings, admin_key=first.admin_key)
+    try:
+        ok(second.client(first.admin_key).get("/v1/keys"))
+        assert first.admin_key not in first.log.read_text(encoding="utf-8")
+    finally:
+        second.close()
+    with pytest.raises(AssertionError, match="printed no key"):
+        start(settings)
+
+
+def _first_keys(settings: Settings) -> list[str]:
+    """Return the keys printed by two services that start at once on the same data."""
+    _migrated(settings)
+    found: list[str] = []
+    processes = [
+        subprocess.Popen(
+            [sys.executable, "-m", "service", "serve"],
+            stdout=subprocess.PIPE,
+            stderr=subprocess.DEVNULL,
+            text=True,
+            cwd=ROOT,
+            env=environment(settings),
+        )
+        for _ in range(2)
+    ]
+    for process in processes:
+        assert process.stdout is not None
+        for line in process.stdout:
+            found += re.findall(r"\bgp_[\w-]+", line)
+            if "listens at" in line:
+                break
+    for process in processes:
+        process.terminate()
+        process.communicate()
+        assert process.returncode == 0
+    return found
+
+
+def test_of_two_services_that_start_one_makes_the_key_on_sqlite(tmp_path: Path) -> None:
+    assert len(_first_keys(Settings(data_dir=tmp_path))) == 1
+
+
+@pytest.mark.postgres
+def test_of_two_services_that_start_one_makes_the_key_on_postgres(tmp_path: Path, postgres_url: str) -> None:
+    settings = Settings(data_dir=tmp_path, database_url=postgres_url)
+    assert len(_first_keys(settings)) == 1
+
+
+def test_a_stopping_service_ends_its_event_streams(tmp_path: Path) -> None:
+    with running(Settings(data_dir=tmp_path)) as server:
+        admin = server.client(server.admin_key)
+        map_id = a_map(admin)
+        ByHand(server.kernel).drawing(map_id, read=False)
+        job_id = ok(admin.get("/v1/jobs"))["items"][0]["id"]
+        ended = threading.Event()
+        heard = threading.Event()
+
+        def listen() -> None:
+            with admin.stream("GET", f"/v1/jobs/{job_id}/events") as answer:
+                for _ in answer.iter_lines():
+                    heard.set()
+            ended.set()
+
+        listener = threading.Thread(target=listen)
+        listener.start()
+        assert heard.wait(timeout=30)
+        assert server.stop() == 0
+        listener.join(timeout=30)
+        assert ended.is_set()
