@@ -30,6 +30,8 @@ class AcceptancePolicy:
         Largest median distance of the inliers.
     least_upright_surfaces : int
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
+    largest_contradicted_share : float
+        More structure than this behind walls of the map speaks against the pose.
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
@@ -42,10 +44,11 @@ class AcceptancePolicy:
     """
 
     rejected_inlier_share: float = 0.35
-    accepted_inlier_share: float = 0.75
+    accepted_inlier_share: float = 0.6
     accepted_share_of_all: float = 0.4
-    accepted_residual_m: float = 0.04
+    accepted_residual_m: float = 0.015
     least_upright_surfaces: int = 3
+    largest_contradicted_share: float = 0.06
     largest_sensitivity_m: float = 0.0305
     runner_up_ratio: float = 0.85
     least_agreement: float = 0.4
@@ -130,6 +133,10 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
         doubts.append(
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
+        )
+    if e.contradicted_share > policy.largest_contradicted_share:
+        doubts.append(
+            f"{e.contradicted_share:.0%} of the scanned structure would have been seen through the map's walls."
         )
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")

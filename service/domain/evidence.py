@@ -48,6 +48,9 @@ class PlacementEvidence:
     position_sensitivity_m, yaw_sensitivity_rad : float
         How far the pose would move, at the scan's origin and in its worst level direction, if each wall stood
         3 cm and half a degree from where the map has it (one sigma). Residuals do not show this.
+    contradicted_share : float
+        Share of the upright structure that stands behind a wall of the map as seen from the scan's origin.
+        A tablet carried through a door sees such things rightly.
     upright_surfaces : int
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
     starts, starts_agreeing : int
@@ -78,6 +81,7 @@ class PlacementEvidence:
     weak_directions: tuple[str, ...]
     position_sensitivity_m: float
     yaw_sensitivity_rad: float
+    contradicted_share: float
     upright_surfaces: int
     starts: int
     starts_agreeing: int

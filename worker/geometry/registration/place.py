@@ -176,13 +176,15 @@ def _prepare(
 ) -> _Problem:
     """Return the thinned scan and what of the map lies around it."""
     coarse = _thinned(scan.points, _NDT_STEP, most=_MOST_COARSE)
-    fine = _thinned(scan.points, _FIT_STEP, most=_MOST_FINE)
+    fine = voxel_grid_filter(scan.points, _FIT_STEP)
     if len(fine) < 100:
         raise PlacementNotComputed(
             f"The scan has {len(fine)} points at {_FIT_STEP} m spacing; at least 100 are needed to place it."
         )
     normals, flat = estimate_normals(fine, towards=np.zeros(3))
     normals[~flat] = 0.0
+    some = slice(None, None, 1 + (len(fine) - 1) // _MOST_FINE)
+    fine, normals = np.ascontiguousarray(fine[some]), np.ascontiguousarray(normals[some])
     centre = initial.apply(scan.points.mean(axis=0)[None])[0]
     radius = float(np.linalg.norm(scan.points - scan.points.mean(axis=0), axis=1).max()) + _MARGIN
     surfaces = target.around(centre, radius)
@@ -265,6 +267,7 @@ def _evidence(
         weak_directions=weak,
         position_sensitivity_m=shift,
         yaw_sensitivity_rad=turn,
+        contradicted_share=_contradicted(problem, best.fit, pose),
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
         starts=starts,
         starts_agreeing=best.end.starts,
@@ -275,6 +278,14 @@ def _evidence(
         turned_rad=turned_by,
         tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
     )
+
+
+def _contradicted(problem: _Problem, fit: measure.Fit, pose: Transform) -> float:
+    """Return the share of the structure that the tablet would have had to see through a wall."""
+    structure = fit.placed[fit.structure & (fit.placed[:, 2] < problem.target.wall_height)]
+    if not len(structure):
+        return 0.0
+    return float(np.mean(problem.target.seen_through(structure, viewpoint=pose.translation)))
 
 
 def _labels(scan: PointCloud, surfaces: Surfaces, pose: Transform) -> NDArray[np.uint8]:

@@ -107,6 +107,40 @@ class PlacementTarget:
         near: NDArray[np.float64] = self.points[inside]
         return near
 
+    def seen_through(
+        self, points: NDArray[np.float64], *, viewpoint: NDArray[np.float64], clearance: float = 0.25
+    ) -> NDArray[np.bool_]:
+        """Return which points stand behind a wall of the map as seen from the tablet.
+
+        Parameters
+        ----------
+        points : ndarray of shape (N, 3), float64
+            Placed points below the walls' upper edge, in frame `map` [m].
+        viewpoint : ndarray of shape (3,), float64
+            Where the tablet was [m]. A tablet that walked around a corner has seen behind it rightly.
+        clearance : float
+            The wall is crossed at least so far before the point [m].
+
+        Returns
+        -------
+        ndarray of shape (N,), bool
+            All False where the map is a cloud: it has no walls.
+        """
+        behind = np.zeros(len(points), dtype=bool)
+        if self.segments is None or not len(points):
+            return behind
+        eye, ray = viewpoint[:2], points[:, :2] - viewpoint[:2]
+        length = np.hypot(ray[:, 0], ray[:, 1])
+        along = self.segments.end - self.segments.begin
+        for k in range(len(along)):
+            to = self.segments.begin[k] - eye
+            across = ray[:, 0] * along[k, 1] - ray[:, 1] * along[k, 0]
+            across = np.where(np.abs(across) < 1e-12, np.inf, across)
+            t = (to[0] * along[k, 1] - to[1] * along[k, 0]) / across
+            u = (to[0] * ray[:, 1] - to[1] * ray[:, 0]) / across
+            behind |= (t > 0.0) & (t * length < length - clearance) & (u >= 0.0) & (u <= 1.0)
+        return behind
+
     def around(self, centre: NDArray[np.float64], radius: float) -> Surfaces:
         """Return the surfaces within `radius` [m] of `centre` (3,), seen from above."""
         cloud = _cloud_surfaces(self.near(centre, radius))
