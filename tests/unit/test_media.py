@@ -1,0 +1,106 @@
+"""What a file is, told by its first bytes."""
+
+from __future__ import annotations
+
+import pytest
+
+from service.domain.bounds import Bounds
+from service.domain.checksum import Checksum
+from service.domain.errors import (
+    ChecksumMismatch,
+    FileEmpty,
+    FileMalformed,
+    FileTruncated,
+    ImageTooLarge,
+    TooManyPoints,
+    UnsupportedMedia,
+)
+from service.domain.headers import check_header
+from service.domain.media import HEAD_BYTES, JPEG, Purpose, accept, recognise
+from tests import files
+
+KINDS = {
+    b"\x89PNG\r\n\x1a\n": "image/png",
+    b"\xff\xd8\xff\xe0": "image/jpeg",
+    b"II*\x00": "image/tiff",
+    b"MM\x00*": "image/tiff",
+    b"BM\x36\x00\x00\x00\x00\x00\x00\x00": "image/bmp",
+    b"BMW is no bitmap": "text/plain",
+    b"ply\nformat ascii 1.0\n": "application/vnd.groundplan.ply",
+    b"# .PCD v0.7\n": "application/vnd.groundplan.pcd",
+    b"# made by hand\nVERSION 0.7\nFIELDS x y z\n": "application/vnd.groundplan.pcd",
+    b"%PDF-1.7": "application/pdf",
+    b"junk before %PDF-1.4": "application/pdf",
+    b"AC1032\0\0": "image/vnd.dwg",
+    b"  0\r\nSECTION\r\n  2\r\nHEADER\r\n": "image/vnd.dxf",
+    b"999\nmade by x\n  0\nSECTION\n": "image/vnd.dxf",
+    b'\xef\xbb\xbf<?xml version="1.0"?>\n<svg xmlns="...">': "image/svg+xml",
+    b"ISO-10303-21;\nHEADER;": "application/x-step",
+    b"glTF\x02\0\0\0": "model/gltf-binary",
+    b"# Blender\nmtllib a.mtl\no Cube\nv 1 2 3\n": "model/obj",
+    b"LASF\0\0": "application/vnd.las",
+    b"ASTM-E57\x01": "model/e57",
+    b"PK\x03\x04": "application/zip",
+    b"1.0 2.0 3.0\n": "text/plain",
+    b"<!DOCTYPE html><html>": "text/html",
+    b"\0\1\2\3": "application/octet-stream",
+}
+
+
+@pytest.mark.parametrize("head", KINDS)
+def test_every_kind_is_told_by_its_bytes(head: bytes) -> None:
+    assert recognise(head).media_type == KINDS[head]
+
+
+def test_what_is_not_read_is_refused_with_advice() -> None:
+    for head in KINDS:
+        for purpose in Purpose:
+            if recognise(head).fits is purpose:
+                assert accept(head, purpose) is recognise(head)
+            else:
+                with pytest.raises(UnsupportedMedia) as refused:
+                    accept(head, purpose)
+                assert refused.value.detail.endswith(".")
+    with pytest.raises(FileEmpty):
+        accept(b"", Purpose.SCAN)
+
+
+def check(content: bytes, *, size: int | None = None, bounds: Bounds | None = None) -> None:
+    head = content[:HEAD_BYTES]
+    found = len(content) if size is None else size
+    check_header(head, recognise(head), size_bytes=found, bounds=bounds or Bounds())
+
+
+def test_headers_are_compared_with_the_file_s_size() -> None:
+    for whole in (files.ply(files.room()), files.pcd(files.room())):
+        check(whole)
+        with pytest.raises(FileTruncated):
+            check(whole, size=len(whole) - 1)
+        with pytest.raises(TooManyPoints):
+            check(whole, bounds=Bounds(max_points=4_999))
+        check(whole, bounds=Bounds(max_points=5_000))
+        with pytest.raises(FileTruncated):
+            check(whole[:50])
+    with pytest.raises(FileMalformed):
+        check(b"ply\n" + b"comment x\n" * 10_000)
+    with pytest.raises(FileMalformed):
+        check(files.ply(files.room()).replace(b"vertex 5000", b"vertex five"))
+
+
+def test_pixels_are_counted_before_they_are_decoded() -> None:
+    check(files.png(100, 100), bounds=Bounds(max_pixels=10_000))
+    with pytest.raises(ImageTooLarge):
+        check(files.png(100, 101), bounds=Bounds(max_pixels=10_000))
+    frame = b"\xff\xd8\xff\xe0\x00\x04ab\xff\xc0\x00\x11\x08\xff\xff\xff\xff\x03" + bytes(20)
+    assert recognise(frame) is JPEG
+    with pytest.raises(ImageTooLarge):
+        check(frame)
+
+
+def test_a_checksum_of_other_bytes_is_refused() -> None:
+    checksum = Checksum("sha1 Kq5sNclPz7QV2+lfQIuc6R7oRu0=")
+    checksum.update(b"hello ")
+    with pytest.raises(ChecksumMismatch):
+        checksum.verify()
+    checksum.update(b"world")
+    checksum.verify()
