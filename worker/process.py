@@ -68,6 +68,7 @@ class WarmChild:
     def wait_ready(self, *, timeout_s: float) -> bool:
         """Return whether the child has done its imports, waiting for it up to `timeout_s`."""
         until = time.monotonic() + timeout_s
+        self.listen(timeout_s=0.0)
         while not self.is_ready and not self.has_ended and (left := until - time.monotonic()) > 0:
             self.listen(timeout_s=left)
         return self.is_ready and not self.has_ended

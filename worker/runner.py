@@ -84,6 +84,7 @@ class Runner:
         self._stopping = threading.Event()
         self._stop_by = float("inf")
         self._child: WarmChild | None = None
+        self._named: str | None = None
         self._swept_at = float("-inf")
 
     def stop(self, _signal: int = signal.SIGTERM, _frame: object = None) -> None:
@@ -111,13 +112,13 @@ class Runner:
             self._delivery.close()
 
     def _turn(self, child: WarmChild) -> None:
-        """Do one job if there is one."""
+        """Do one job if there is one; it is claimed only while the child is there to do it."""
         try:
             self._sweep()
-            job_id = self._delivery.next(timeout_s=_IDLE_S)
-            if job_id is None:
+            self._named = self._named or self._delivery.next(timeout_s=_IDLE_S)
+            if self._named is None or not child.wait_ready(timeout_s=0.0):
                 return
-            attempt = self._claim(job_id)
+            attempt, self._named = self._claim(self._named), None
             if attempt is not None:
                 self._work(attempt, child)
             self._delivery.done()
