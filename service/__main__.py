@@ -139,7 +139,7 @@ def _parser() -> argparse.ArgumentParser:
 class _Setting(argparse.Action):
     """Put an option among the settings, where it outweighs the environment."""
 
-    def __call__(self, _parser: Any, namespace: Any, values: Any, option_string: str | None = None) -> None:
+    def __call__(self, _parser: Any, namespace: Any, values: Any, _option: str | None = None) -> None:
         setattr(namespace.settings, self.dest, values)
 
 
