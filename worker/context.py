@@ -39,6 +39,7 @@ class Messages:
 
     def send(self, kind: str, **members: Any) -> None:
         """Send one message; `kind` is one of `crash_points.MESSAGES`."""
+        assert kind in crash_points.MESSAGES
         line = json.dumps({"message": kind, **members}).encode() + b"\n"
         crash_points.reach(f"message-{kind}.before-send")
         while line:
