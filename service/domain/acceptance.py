@@ -26,8 +26,8 @@ class AcceptancePolicy:
         structure that lies on the map's surfaces.
     accepted_share_of_all : float
         Least share of all points on the map's surfaces.
-    accepted_residual_m : float
-        Largest median distance of the inliers.
+    accepted_residual_m, accepted_residual_on_cloud_m : float
+        Largest median distance of the inliers, to exact faces and to a cloud with its own noise.
     least_upright_surfaces : int
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
     largest_contradicted_share : float
@@ -47,6 +47,7 @@ class AcceptancePolicy:
     accepted_inlier_share: float = 0.6
     accepted_share_of_all: float = 0.4
     accepted_residual_m: float = 0.015
+    accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.06
     largest_sensitivity_m: float = 0.0305
@@ -129,14 +130,17 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
             f"{e.inlier_share:.0%} of all points lie on the map; "
             f"{policy.accepted_share_of_all:.0%} are expected."
         )
-    if not e.residual_median_m <= policy.accepted_residual_m:
+    faces = e.map_kind == "faces"
+    if not e.residual_median_m <= (
+        policy.accepted_residual_m if faces else policy.accepted_residual_on_cloud_m
+    ):
         doubts.append(
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
         )
     if e.contradicted_share > policy.largest_contradicted_share:
         doubts.append(
-            f"{e.contradicted_share:.0%} of the scanned structure would have been seen through the map's walls."
+            f"{e.contradicted_share:.0%} of the scanned structure was seen through the map's walls."
         )
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")

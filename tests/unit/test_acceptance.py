@@ -1,0 +1,91 @@
+"""Each doubt alone keeps a placement from being accepted."""
+
+from __future__ import annotations
+
+import json
+import math
+from dataclasses import fields, replace
+from typing import Any
+
+import pytest
+
+from service.domain.acceptance import AcceptancePolicy, judge
+from service.domain.evidence import PlacementEvidence
+
+GOOD = PlacementEvidence(
+    map_kind="faces", converged=True, iterations=80, points_compared=6000, inlier_distance_m=0.1,
+    inlier_share=0.9, inlier_share_of_structure=0.95, residual_rms_m=0.02, residual_median_m=0.006,
+    overlap_share=0.99, euclidean_fitness_score_m2=0.02, transformation_probability=1.9,
+    nearest_voxel_transformation_likelihood=1.7, ndt_resolution_m=1.0,
+    information_eigenvalues=(0.08, 0.1, 0.1, 0.2, 0.2, 0.3), weak_directions=(),
+    position_sensitivity_m=0.022, yaw_sensitivity_rad=0.005, contradicted_share=0.0, upright_surfaces=5,
+    starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
+    runner_up_inlier_share=None, moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
+)  # fmt: skip
+
+DOUBTS: list[tuple[dict[str, Any], str]] = [
+    ({"converged": False}, "not come to rest"),
+    ({"inlier_share_of_structure": 0.5}, "50% of the scanned structure"),
+    ({"inlier_share": 0.3}, "30% of all points"),
+    ({"residual_median_m": 0.05}, "0.050 m off"),
+    ({"residual_median_m": math.nan}, "off the map"),
+    ({"tilt_rad": 0.2}, "tilted"),
+    ({"contradicted_share": 0.2}, "through"),
+    ({"weak_directions": ("along 30 deg",)}, "along 30 deg"),
+    ({"upright_surfaces": 2}, "third wall"),
+    ({"position_sensitivity_m": 0.1}, "too few sides"),
+    ({"position_sensitivity_m": math.inf}, "too few sides"),
+    ({"runner_up_inlier_share": 0.9, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1}, "Another pose"),
+    ({"starts_agreeing": 1}, "1 of 7 starts"),
+    ({"moved_m": 8.0}, "from the rough pose"),
+    ({"turned_rad": 1.5}, "from the rough pose"),
+]
+
+
+def test_nothing_against_it_is_accepted_with_reasons() -> None:
+    judgement = judge(GOOD)
+    assert judgement.verdict == "accepted"
+    assert len(judgement.reasons) == 3
+
+
+@pytest.mark.parametrize(("change", "words"), DOUBTS)
+def test_one_doubt_is_enough_for_a_review(change: dict[str, Any], words: str) -> None:
+    judgement = judge(replace(GOOD, **change))
+    assert judgement.verdict == "needs-review"
+    assert len(judgement.reasons) == 1
+    assert words in judgement.reasons[0]
+
+
+def test_all_doubts_are_named_together() -> None:
+    worst = replace(GOOD, converged=False, tilt_rad=0.2, upright_surfaces=1)
+    assert len(judge(worst).reasons) == 3
+
+
+@pytest.mark.parametrize("change", [{"inlier_share_of_structure": 0.1}, {"points_compared": 40}])
+def test_what_explains_next_to_nothing_is_rejected(change: dict[str, Any]) -> None:
+    assert judge(replace(GOOD, **change)).verdict == "rejected"
+
+
+@pytest.mark.parametrize("score", [0.0, 0.0379, 0.5, math.inf])
+def test_the_papers_threshold_is_shown_and_not_relied_on(score: float) -> None:
+    assert judge(replace(GOOD, euclidean_fitness_score_m2=score)).verdict == "accepted"
+    bad = replace(GOOD, euclidean_fitness_score_m2=score, upright_surfaces=2)
+    assert judge(bad).verdict == "needs-review"
+
+
+def test_the_policy_is_the_callers() -> None:
+    strict = AcceptancePolicy(accepted_inlier_share=0.99)
+    assert judge(GOOD, strict).verdict == "needs-review"
+
+
+def test_a_cloud_may_be_noisier_than_faces() -> None:
+    noisy = replace(GOOD, residual_median_m=0.02)
+    assert judge(noisy).verdict == "needs-review"
+    assert judge(replace(noisy, map_kind="cloud")).verdict == "accepted"
+
+
+def test_evidence_becomes_json_with_every_member() -> None:
+    value = json.loads(json.dumps(GOOD.to_json(), allow_nan=False))
+    assert set(value) == {field.name for field in fields(PlacementEvidence)}
+    assert value["weak_directions"] == []
+    assert value["information_eigenvalues"][0] == 0.08
