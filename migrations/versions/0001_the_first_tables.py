@@ -291,6 +291,12 @@ def upgrade() -> None:
             nullable=False,
         ),
         sa.Column("drawing_id", sa.String(length=40), nullable=False),
+        sa.Column("walls_sha256", sa.String(length=64), nullable=False),
+        sa.Column(
+            "scale",
+            sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"),
+            nullable=False,
+        ),
         sa.Column("job_id", sa.String(length=40), nullable=False),
         sa.Column(
             "report",
@@ -303,6 +309,7 @@ def upgrade() -> None:
         sa.CheckConstraint("status IN ('building', 'ready', 'failed')", name=op.f("ck_revisions_status")),
         sa.ForeignKeyConstraint(["created_by"], ["keys.id"], name=op.f("fk_revisions_created_by")),
         sa.ForeignKeyConstraint(["drawing_id"], ["drawings.id"], name=op.f("fk_revisions_drawing_id")),
+        sa.ForeignKeyConstraint(["walls_sha256"], ["blobs.sha256"], name=op.f("fk_revisions_walls_sha256")),
         sa.ForeignKeyConstraint(["job_id"], ["jobs.id"], name=op.f("fk_revisions_job_id")),
         sa.ForeignKeyConstraint(["map_id"], ["maps.id"], name=op.f("fk_revisions_map_id")),
         sa.PrimaryKeyConstraint("id", name=op.f("pk_revisions")),

@@ -178,7 +178,10 @@ class Placement(Base):
 
 
 class Revision(Base):
-    """An immutable numbered state of a map: a recipe, a drawing's reading and ordered layers."""
+    """An immutable numbered state of a map: a recipe, a drawing's reading and ordered layers.
+
+    The reading is held by its walls and its scale: a drawing that is read anew changes no revision.
+    """
 
     __tablename__ = "revisions"
     __table_args__ = (
@@ -194,6 +197,8 @@ class Revision(Base):
     status: Mapped[str] = mapped_column(String(16))
     recipe: Mapped[dict[str, Any]]
     drawing_id: Mapped[str] = mapped_column(ForeignKey("drawings.id"))
+    walls_sha256: Mapped[str] = mapped_column(ForeignKey("blobs.sha256"))
+    scale: Mapped[dict[str, Any]]
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
     report: Mapped[dict[str, Any] | None]
     created_at: Mapped[datetime]

@@ -13,7 +13,14 @@ from service.domain.recipe import Recipe
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
 from service.usecases.placements import covered_placement, require_acceptable
-from service.usecases.revise import PlannedLayer, Revised, add_revision, kept_layers, latest_base
+from service.usecases.revise import (
+    PlannedLayer,
+    Revised,
+    add_revision,
+    kept_layers,
+    kept_reading,
+    latest_base,
+)
 
 
 def accept_placement(
@@ -46,8 +53,6 @@ def accept_placement(
         If it is unfinished or rejected, needs a review that nobody did, or is in the map already.
     RevisionNotReady
         If the map's latest revision is still building.
-    DrawingNotRead, ScaleUnknown
-        If the drawing is being read again, or its new reading lacks the scale.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     row = covered_placement(session, actor, placement_id=placement_id)
@@ -65,7 +70,7 @@ def accept_placement(
         actor,
         parent=base,
         map_id=row.map_id,
-        drawing_id=base.drawing_id,
+        reading=kept_reading(base),
         recipe=Recipe.from_json(base.recipe),
         layers=_with(layers, PlannedLayer(name or _file_name(session, row), row.scan_id, row.id)),
     )

@@ -89,6 +89,15 @@ class PlannedLayer:
     placement_id: str
 
 
+@dataclass(frozen=True)
+class BaseReading:
+    """Hold what a revision keeps of a drawing's reading, whatever is read of the drawing later."""
+
+    drawing_id: str
+    walls_sha256: str
+    scale: dict[str, Any]
+
+
 def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wanted: Wanted) -> Revised:
     """Return a new revision of the map, building, and its job.
 
@@ -114,8 +123,11 @@ def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wante
     actor.require_role(Role.TABLET, Role.ADMIN)
     covered_map(session, actor, map_id=map_id, lock=True)
     base = None if wanted.base is None else latest_base(session, map_id, base=wanted.base)
-    drawing_id = wanted.drawing_id or (base.drawing_id if base else None)
-    if drawing_id is None:
+    if wanted.drawing_id is not None:
+        reading = _reading_of(session, map_id, wanted.drawing_id)
+    elif base is not None:
+        reading = kept_reading(base)
+    else:
         detail = "Name a drawing, or a base revision whose drawing is kept."
         raise InvalidRequest(detail, errors=[{"pointer": "#/drawing_id", "detail": detail}])
     recipe = Recipe.from_json({**(base.recipe if base else {}), **wanted.recipe})
@@ -130,7 +142,7 @@ def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wante
         actor,
         parent=parent,
         map_id=map_id,
-        drawing_id=drawing_id,
+        reading=reading,
         recipe=recipe,
         layers=layers,
     )
@@ -171,6 +183,11 @@ def kept_layers(session: Session, base: Revision) -> list[PlannedLayer]:
     return [PlannedLayer(row.name, row.scan_id, row.placement_id) for row in rows]
 
 
+def kept_reading(base: Revision) -> BaseReading:
+    """Return the reading that a revision is built on, to be taken over by another."""
+    return BaseReading(base.drawing_id, base.walls_sha256, base.scale)
+
+
 def add_revision(
     kernel: Kernel,
     session: Session,
@@ -178,18 +195,11 @@ def add_revision(
     *,
     parent: Revision | None,
     map_id: str,
-    drawing_id: str,
+    reading: BaseReading,
     recipe: Recipe,
     layers: Sequence[PlannedLayer],
 ) -> Revised:
-    """Return the new revision's rows and job, of a map that this transaction holds.
-
-    Raises
-    ------
-    DrawingNotFound, DrawingNotRead, ScaleUnknown
-        If nothing in metres can be made from the drawing.
-    """
-    _require_buildable(session, map_id, drawing_id)
+    """Return the new revision's rows and job, of a map that this transaction holds."""
     now = kernel.now()
     revision_id = kernel.new_id("rev")
     job = enqueue(
@@ -207,7 +217,9 @@ def add_revision(
         parent_n=None if parent is None else parent.n,
         status=RevisionStatus.BUILDING.value,
         recipe=recipe.to_json(),
-        drawing_id=drawing_id,
+        drawing_id=reading.drawing_id,
+        walls_sha256=reading.walls_sha256,
+        scale=reading.scale,
         job_id=job.id,
         created_at=now,
         created_by=actor.key_id,
@@ -227,19 +239,21 @@ def add_revision(
     return Revised(Shown(revision, rows), job)
 
 
-def _require_buildable(session: Session, map_id: str, drawing_id: str) -> None:
+def _reading_of(session: Session, map_id: str, drawing_id: str) -> BaseReading:
     drawing = find_drawing(session, drawing_id)
     if drawing is None or drawing.map_id != map_id:
         raise DrawingNotFound(f"The map {map_id} has no drawing {drawing_id}.")
-    if drawing.reading is None:
+    if drawing.reading is None or drawing.walls_sha256 is None:
         raise DrawingNotRead(
             f"The drawing {drawing_id} has no finished reading; its job is {drawing.job_id}.",
             job_id=drawing.job_id,
         )
-    if drawing.reading.get("scale", {}).get("state", "unknown") == "unknown":
+    scale: dict[str, Any] = drawing.reading.get("scale", {})
+    if scale.get("state", "unknown") == "unknown":
         raise ScaleUnknown(
             f"The scale of drawing {drawing_id} is not known; give it by PATCH /v1/drawings/{drawing_id}."
         )
+    return BaseReading(drawing_id, drawing.walls_sha256, scale)
 
 
 def _plan(session: Session, map_id: str, wanted: Sequence[WantedLayer]) -> list[PlannedLayer]:

@@ -229,6 +229,8 @@ class Workbench:
                     status="building",
                     recipe=Recipe(**recipe).to_json(),
                     drawing_id=drawing.id,
+                    walls_sha256=drawing.walls_sha256,
+                    scale=(drawing.reading or {})["scale"],
                     job_id=job_id,
                     created_at=now,
                     created_by=self.key_id,

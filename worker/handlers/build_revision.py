@@ -7,7 +7,6 @@ from dataclasses import dataclass
 from typing import Any
 
 from service.db.models import Drawing, Revision
-from service.domain.errors import DrawingNotRead, ScaleUnknown
 from service.domain.recipe import Recipe
 from service.usecases.record_revision import record_revision
 from worker.context import JobContext, LayerSource
@@ -67,10 +66,7 @@ def _inputs(context: JobContext) -> _Inputs:
     with context.kernel.db.reading() as session:
         revision = session.get_one(Revision, context.attempt.subject_id)
         drawing = session.get_one(Drawing, revision.drawing_id)
-        if drawing.reading is None or drawing.walls_sha256 is None:
-            raise DrawingNotRead("The drawing has no finished reading to build from.", job_id=drawing.job_id)
-        scale = drawing.reading["scale"]
-        if scale["state"] == "unknown":
-            raise ScaleUnknown("The drawing's scale is unknown: give it, then build again.")
-        named = {"id": drawing.id, "sha256": drawing.blob_sha256, "walls_sha256": drawing.walls_sha256}
-        return _Inputs(Recipe.from_json(revision.recipe), named, drawing.walls_sha256, scale, layers)
+        named = {"id": drawing.id, "sha256": drawing.blob_sha256, "walls_sha256": revision.walls_sha256}
+        return _Inputs(
+            Recipe.from_json(revision.recipe), named, revision.walls_sha256, revision.scale, layers
+        )
