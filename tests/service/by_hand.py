@@ -14,6 +14,7 @@ from service.domain.drawing_options import DrawingOptions
 from service.domain.lifecycle import Role
 from service.domain.rough_pose import RoughPose
 from service.storage.blobs import Stored
+from service.usecases.drawings import reread_drawing
 from service.usecases.kernel import Kernel
 from service.usecases.receive_drawing import receive_drawing
 from service.usecases.receive_file import ReceivedFile
@@ -83,6 +84,21 @@ class ByHand:
             with self.kernel.db.writing("record-drawing-reading") as session:
                 record_drawing_reading(self.kernel, session, attempt, reading={"scale": scale}, files=files)
         return drawing_id
+
+    def reread(self, drawing_id: str, *, walls: bytes) -> None:
+        """Read the drawing again, as a corrected scale asks for, and find these walls."""
+        with self.kernel.db.writing("reread-drawing") as session:
+            actor = self.actor()
+            _, _, job = reread_drawing(
+                self.kernel, session, actor, drawing_id=drawing_id, change=lambda now: now
+            )
+            job_id = job.id
+        files = {"walls.geojson": walls, "removed.geojson": b"removed", "preview.png": b"preview"}
+        attempt = self.claim(job_id)
+        reading = {"scale": {"state": "given", "metres_per_px": 0.07}}
+        kept = {name: self.keep(content) for name, content in files.items()}
+        with self.kernel.db.writing("record-drawing-reading") as session:
+            record_drawing_reading(self.kernel, session, attempt, reading=reading, files=kept)
 
     def scan(self, map_id: str, *, read: bool = True, rough_pose: RoughPose | None = None) -> str:
         """Return the id of a scan, read or not."""

@@ -6,7 +6,9 @@ from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import select
 
+from service.db.models import Revision
 from service.domain.recipe import Recipe
 from service.domain.rough_pose import RoughPose
 from tests.server import Server
@@ -61,6 +63,20 @@ def test_a_base_gives_what_the_body_leaves_out(admin: httpx.Client, by_hand: ByH
     assert [r["n"] for r in listed["items"]] == [4, 3, 2]
     more = ok(admin.get(f"/v1/maps/{map_id}/revisions", params={"limit": 3, "cursor": listed["next_cursor"]}))
     assert ([r["n"] for r in more["items"]], more["next_cursor"]) == ([1], None)
+
+
+def test_a_drawing_read_anew_changes_no_revision(admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = a_map(admin)
+    drawing_id = by_hand.drawing(map_id)
+    first = a_ready_revision(admin, by_hand, map_id, drawing_id=drawing_id)
+    by_hand.reread(drawing_id, walls=b"other walls")
+    second = a_ready_revision(admin, by_hand, map_id, base=first, recipe={"floor": True})
+    third = a_ready_revision(admin, by_hand, map_id, base=second, drawing_id=drawing_id)
+    with by_hand.kernel.db.reading() as session:
+        rows = session.scalars(select(Revision).where(Revision.map_id == map_id).order_by(Revision.n)).all()
+        held = [(row.n, row.walls_sha256, row.scale["metres_per_px"]) for row in rows]
+    earlier, later = by_hand.keep(b"walls.geojson").sha256, by_hand.keep(b"other walls").sha256
+    assert held == [(first, earlier, 0.05), (second, earlier, 0.05), (third, later, 0.07)]
 
 
 def test_a_base_that_is_no_longer_the_latest_is_refused(admin: httpx.Client, by_hand: ByHand) -> None:
