@@ -40,6 +40,14 @@ def running_job_pid(worker: subprocess.Popen[bytes]) -> int:
     raise AssertionError(msg)
 
 
+def wait_idle(worker: subprocess.Popen[bytes]) -> None:
+    """Wait until the process of the worker's last job is gone."""
+    end = time.monotonic() + 30
+    while any(children_of(warm) for warm in children_of(worker.pid)):
+        assert time.monotonic() < end
+        time.sleep(0.005)
+
+
 def test_a_drawing_becomes_a_revision_and_a_scan_is_placed_on_it(bench: Workbench, tmp_path: Path) -> None:
     with bench.worker() as worker:
         drawing = bench.add_drawing(a_small_drawing(tmp_path / "plan.png"))
@@ -142,7 +150,7 @@ def test_a_job_over_its_time_is_stopped_and_says_so(sqlite_bench: Workbench, tmp
 def test_a_job_over_its_cpu_seconds_is_stopped_and_says_so(sqlite_bench: Workbench, tmp_path: Path) -> None:
     bench = sqlite_bench
     with bench.worker(job_cpu_s="0.1"):
-        job = bench.wait_final(bench.add_drawing(a_slow_drawing(tmp_path / "plan.png")))
+        job = bench.wait_final(bench.add_drawing(a_slow_drawing(tmp_path / "plan.png", strokes=600)))
     assert (job.state, job.attempt) == (JobState.FAILED, 1)
     assert job.problem is not None
     assert (job.problem["slug"], "CPU" in job.problem["detail"]) == ("job-timed-out", True)
@@ -197,10 +205,11 @@ def test_a_worker_that_sleeps_past_its_lease_changes_nothing_when_it_wakes(
     bench: Workbench, tmp_path: Path, sleeper: str
 ) -> None:
     drawing = bench.add_drawing(a_small_drawing(tmp_path / "plan.png"))
-    slow = bench.add_drawing(a_slow_drawing(tmp_path / "slow.png"))
     settings = {"lease_s": "2", "beat_s": "0.3"}
     with bench.worker(**settings) as first:
         assert bench.wait_final(drawing).state == JobState.SUCCEEDED
+        wait_idle(first)
+        slow = bench.add_drawing(a_slow_drawing(tmp_path / "slow.png"))
         job_pid = running_job_pid(first)
         stopped = [first.pid, job_pid] if sleeper == "worker and job" else [first.pid]
         os.kill(job_pid, signal.SIGSTOP)

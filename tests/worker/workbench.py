@@ -45,11 +45,12 @@ def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
     return path
 
 
-def a_slow_drawing(path: Path) -> Path:
-    """Write a sheet full of strokes that takes seconds to read."""
+def a_slow_drawing(path: Path, *, strokes: int = 80) -> Path:
+    """Write a sheet full of strokes; 80 take about a second to read, 600 many seconds."""
     rng = np.random.default_rng(3)
-    sheet = np.full((800, 800), 255, dtype=np.uint8)
-    for x, y, length in rng.integers(0, 700, (80, 3)):
+    side = 800 if strokes <= 100 else 1500
+    sheet = np.full((side, side), 255, dtype=np.uint8)
+    for x, y, length in rng.integers(0, side - 100, (strokes, 3)):
         sheet[y : y + 3, x : x + length % 300] = 0
         sheet[y : y + length % 300, x : x + 3] = 0
     Image.fromarray(sheet).save(path)
