@@ -110,7 +110,7 @@ def test_rays_inside_a_box_meet_the_nearest_slab(
     o, d = np.array([origin]), np.array([direction])
     hits = cast_rays(box((-1, -1, -1), (1, 1, 1), name="b"), o, d)
     unit = (d / np.linalg.norm(d))[0]
-    with np.errstate(divide="ignore", over="ignore"):
+    with np.errstate(divide="ignore", over="ignore", invalid="ignore"):
         expected = np.min(np.where(unit != 0, (np.sign(unit) - o[0]) / unit, np.inf))
     assert hits.distances[0] == pytest.approx(expected, abs=1e-5)
     assert np.allclose(hits.points[0], o[0] + expected * unit, atol=1e-5)
