@@ -113,7 +113,7 @@ def _write(output: Path, result: dict[str, Any], scan: Any, placed: Any) -> None
 
 
 def _merge(args: argparse.Namespace) -> dict[str, Any]:
-    """Compound placed clouds into a map's cloud and write it whole."""
+    """Compound placed clouds into a map's cloud and write it whole; what is filtered stays as it is."""
     for option in ("voxel_size", "layer_voxel_size"):
         if not (math.isfinite(getattr(args, option)) and 0.005 <= getattr(args, option) <= 5.0):
             raise InvalidRequest(f"--{option.replace('_', '-')} has to lie between 0.005 and 5 m.")
@@ -125,7 +125,7 @@ def _merge(args: argparse.Namespace) -> dict[str, Any]:
     from worker.formats.pcd import read_pcd, write_pcd  # noqa: PLC0415
     from worker.formats.scan import read_scan  # noqa: PLC0415
     from worker.geometry.cloud.point_cloud import Label, PointCloud  # noqa: PLC0415
-    from worker.geometry.cloud.voxel_grid import filter_cloud  # noqa: PLC0415
+    from worker.geometry.cloud.voxel_grid import filter_cloud, voxel_index  # noqa: PLC0415
 
     _progress("load", 0.0)
     base = read_pcd(args.map)
@@ -133,7 +133,8 @@ def _merge(args: argparse.Namespace) -> dict[str, Any]:
     for label in np.unique(base.labels):
         piece = PointCloud(base.points[base.labels == label], base.labels[base.labels == label])
         size = args.layer_voxel_size if label == Label.LAYER else args.voxel_size
-        parts.append(filter_cloud(piece, size, label=int(label)))
+        one_a_voxel = len(np.unique(voxel_index(piece.points, size), axis=0)) == len(piece)
+        parts.append(piece if one_a_voxel else filter_cloud(piece, size, label=int(label)))
     layers = [filter_cloud(read_scan(p), args.layer_voxel_size, label=Label.LAYER) for p in args.placed]
     _progress("merge", 0.5)
     every = [*parts, *layers]

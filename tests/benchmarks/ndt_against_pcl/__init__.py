@@ -1,0 +1,1 @@
+"""Our NDT beside PCL's."""

@@ -1,0 +1,167 @@
+"""Our NDT beside PCL's on the same clouds, in one run: poses, definitions, median times and their ratios.
+
+    python -m tests.benchmarks.ndt_against_pcl [SOURCE TARGET x,y,z,yaw_deg]
+
+Needs Debian's libpcl-dev and g++. Without arguments: the two scans of PCL's own NDT tutorial where they
+are at hand, else a generated room. Prints one table; ends with status 1 if a number that has one definition
+differs.
+"""
+
+from __future__ import annotations
+
+import json
+import statistics
+import subprocess
+import sys
+import tempfile
+import time
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from service.domain.transform import Transform
+from tests.geometry.rooms import a_case, inside, off
+from worker.formats.pcd import read_pcd, write_pcd
+from worker.formats.scan import read_scan
+from worker.geometry.cloud.point_cloud import PointCloud
+from worker.geometry.cloud.voxel_grid import voxel_grid_filter
+from worker.geometry.registration.fitness import euclidean_fitness_score, transformation_probability
+from worker.geometry.registration.ndt import register_ndt
+from worker.geometry.registration.ndt_map import build_ndt_map
+
+HERE = Path(__file__).resolve().parent
+SCANS = HERE.parents[3] / "shared" / "data" / "scans"
+TUTORIAL = (SCANS / "room_scan2.pcd", SCANS / "room_scan1.pcd", "1.79387,0.720047,0,39.71")
+RESOLUTION, SOURCE_STEP, EPSILON, REPEATS = 1.0, 0.2, 1e-6, 7
+
+
+def compile_peer(folder: Path) -> Path:
+    """Return the program built from `pcl_ndt.cpp` against the PCL of this system."""
+    headers = sorted(Path("/usr/include").glob("pcl-*"))
+    if not headers:
+        sys.exit("PCL is not installed: apt-get install --no-install-recommends libpcl-dev g++")
+    libraries = ["registration", "search", "kdtree", "filters", "io", "common"]
+    program = folder / "pcl_ndt"
+    subprocess.run(
+        ["g++", "-std=c++17", "-O3", "-DNDEBUG", f"-I{headers[-1]}", "-I/usr/include/eigen3",
+         str(HERE / "pcl_ndt.cpp"), "-o", str(program), *[f"-lpcl_{name}" for name in libraries],
+         "-lflann", "-llz4", "-lboost_system"],
+        check=True,
+    )  # fmt: skip
+    return program
+
+
+def ask(program: Path, *words: object) -> dict[str, object]:
+    """Return what the peer printed."""
+    run = subprocess.run([str(program), *map(str, words)], check=True, capture_output=True, text=True)
+    answer: dict[str, object] = json.loads(run.stdout)
+    return answer
+
+
+def timed(work: Callable[[], object]) -> list[float]:
+    """Return the seconds of some runs, the first of which has compiled already."""
+    work()
+    seconds = []
+    for _ in range(REPEATS):
+        start = time.perf_counter()
+        work()
+        seconds.append(time.perf_counter() - start)
+    return seconds
+
+
+def same_points_and_labels(program: Path, folder: Path) -> bool:
+    """Return whether PCL's PointXYZL holds what was written."""
+    rng = np.random.default_rng(0)
+    labels = rng.integers(0, 5, 5000).astype(np.uint32)
+    cloud = PointCloud(rng.uniform(-50, 50, (5000, 3)).astype(np.float32).astype(np.float64), labels)
+    write_pcd(folder / "labels.pcd", cloud)
+    answer = ask(program, "labels", folder / "labels.pcd")
+    i = np.arange(5000)
+    mixed = np.sum((i % 1009 + 1.0) * labels + (i % 997) * cloud.points[:, 0])
+    sums = [*cloud.points.sum(axis=0), float(labels.sum()), mixed]
+    return answer["points"] == 5000 and bool(np.allclose(answer["sums"], sums, rtol=1e-9))
+
+
+def inputs(words: list[str]) -> tuple[np.ndarray, np.ndarray, Transform]:
+    """Return source, target and guess: as named, or PCL's tutorial, or a generated room."""
+    if not words and not TUTORIAL[0].exists():
+        case = a_case(1)
+        return case.scan.points, inside(2), off(case.truth, 0.3, 0.2, 5.0)
+    source, target, guess = words or TUTORIAL
+    x, y, z, yaw_deg = map(float, str(guess).split(","))
+    clouds = [read_scan(Path(name)).points for name in (source, target)]
+    return clouds[0], clouds[1], Transform.from_xyz_yaw(x, y, z, np.deg2rad(yaw_deg))
+
+
+def main() -> int:
+    """Run both and print the table."""
+    source, target, guess = inputs(sys.argv[1:])
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        program = compile_peer(folder)
+        labels_agree = same_points_and_labels(program, folder)
+        write_pcd(folder / "source.pcd", PointCloud.of(voxel_grid_filter(source, SOURCE_STEP)))
+        write_pcd(folder / "target.pcd", PointCloud.of(target))
+        thin, full = read_pcd(folder / "source.pcd").points, read_pcd(folder / "target.pcd").points
+        words = (*guess.translation, guess.rpy[2])
+        peer = ask(
+            program,
+            "place",
+            folder / "source.pcd",
+            folder / "target.pcd",
+            RESOLUTION,
+            EPSILON,
+            REPEATS,
+            *words,
+        )
+    grid_s = timed(lambda: build_ndt_map(full, RESOLUTION))
+    ndt_map = build_ndt_map(full, RESOLUTION)
+    ours = register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100)
+    align_s = timed(lambda: register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100))
+    return report(peer, ours.T_target_source, grid_s, align_s, thin, full, labels_agree=labels_agree)
+
+
+def report(
+    peer: dict[str, object],
+    T: Transform,
+    grid_s: list[float],
+    align_s: list[float],
+    thin: np.ndarray,
+    full: np.ndarray,
+    *,
+    labels_agree: bool,
+) -> int:
+    """Print poses, definitions at PCL's own pose, and times."""
+    matrix = np.array(peer["T"], dtype=np.float64)
+    u, _, vt = np.linalg.svd(matrix[:3, :3])
+    matrix[:3, :3] = u @ vt
+    theirs = Transform(matrix)
+    for name, pose in (("PCL", theirs), ("Groundplan", T)):
+        x, y, z = pose.translation
+        roll, pitch, yaw = np.rad2deg(pose.rpy)
+        print(f"{name:<11} x {x:.4f} y {y:.4f} z {z:.4f} m", end="   ")
+        print(f"yaw {yaw:.3f} pitch {pitch:.3f} roll {roll:.3f} deg")
+    apart, turned = theirs.distance_to(T)
+    print(f"apart       {apart:.4f} m, {np.rad2deg(turned):.3f} deg")
+    print(f"points      source {len(thin)}, target {len(full)}")
+    placed = theirs.apply(thin)
+    numbers = {
+        "tp": transformation_probability(placed, build_ndt_map(full, RESOLUTION)),
+        "fitness": euclidean_fitness_score(placed, KDTree(full)),
+    }
+    agree = labels_agree
+    for name, value in numbers.items():
+        other = float(str(peer[name]))
+        agree &= abs(value - other) < 1e-3 * abs(other)
+        print(f"{name:<11} PCL {other:.6f}   Groundplan {value:.6f} at PCL's pose")
+    print(f"labels      PointXYZL holds the same points and labels: {labels_agree}")
+    for name, mine in (("grid_s", grid_s), ("align_s", align_s)):
+        a, b = statistics.median(peer[name]), statistics.median(mine)  # type: ignore[call-overload]
+        print(f"{name:<11} PCL {a * 1e3:.1f} ms   Groundplan {b * 1e3:.1f} ms   ratio {a / b:.1f} x")
+    return 0 if agree else 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
