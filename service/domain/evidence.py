@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import asdict, dataclass
 from typing import Any, Literal
 
@@ -93,8 +94,11 @@ class PlacementEvidence:
     tilt_rad: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the evidence as a JSON object."""
-        value = asdict(self)
+        """Return the evidence as a JSON object; a number that is not finite (nothing holds the pose) is null."""
+        value = {
+            name: None if isinstance(member, float) and not math.isfinite(member) else member
+            for name, member in asdict(self).items()
+        }
         value["information_eigenvalues"] = list(self.information_eigenvalues)
         value["weak_directions"] = list(self.weak_directions)
         return value

@@ -89,3 +89,10 @@ def test_evidence_becomes_json_with_every_member() -> None:
     assert set(value) == {field.name for field in fields(PlacementEvidence)}
     assert value["weak_directions"] == []
     assert value["information_eigenvalues"][0] == 0.08
+
+
+def test_a_number_that_is_not_finite_becomes_null() -> None:
+    value = replace(GOOD, position_sensitivity_m=math.inf, yaw_sensitivity_rad=math.nan).to_json()
+    assert value["position_sensitivity_m"] is None
+    assert value["yaw_sensitivity_rad"] is None
+    json.dumps(value, allow_nan=False)
