@@ -61,7 +61,14 @@ class _Watch:
     verdict: Callable[[Session], None] | None = None
     told: dict[str, Any] = field(default_factory=dict)
     last_word: dict[str, Any] | None = None
+    is_shown: bool = False
     is_broken_off: bool = False
+
+    def pause_s(self, beat_s: float) -> float:
+        """Return the seconds between two beats: none before the job's first word, few while it speaks."""
+        if not self.told:
+            return beat_s
+        return _PROGRESS_EVERY_S if self.is_shown else 0.0
 
 
 class Runner:
@@ -202,7 +209,7 @@ class Runner:
             self._break_off(watch, self._failing(attempt, _timed_out("seconds", limits.wall_s)))
         elif now > self._stop_by:
             self._break_off(watch, lambda s: jobs.release(s, attempt, now=self._kernel.now()))
-        elif now - watch.beaten_at > (_PROGRESS_EVERY_S if watch.told else self._terms.beat_s):
+        elif now - watch.beaten_at > watch.pause_s(self._terms.beat_s):
             self._beat(watch)
 
     def _beat(self, watch: _Watch) -> None:
@@ -219,6 +226,7 @@ class Runner:
         except DatabaseBusy:
             log.warning("a beat failed: the database did not answer", job=attempt.job_id)
             return
+        watch.is_shown |= bool(watch.told)
         watch.beaten_at, watch.told = time.monotonic(), {}
         if cancelled:
             self._break_off(watch, lambda s: jobs.finish_cancelled(s, attempt, now=self._kernel.now()))

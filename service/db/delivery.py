@@ -13,6 +13,7 @@ from typing import Any, Protocol
 import procrastinate
 import structlog
 from sqlalchemy import text
+from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
 from service.db.jobs import QUEUE, TASK, deliver, next_due, overdue
@@ -185,8 +186,8 @@ class Delivered:
             await asyncio.sleep(_LOOK_FOR_LOST_S)
             try:
                 await asyncio.to_thread(self._redeliver)
-            except DatabaseBusy:
-                log.warning("the database did not answer; lost jobs are looked for again later")
+            except (DatabaseBusy, SQLAlchemyError) as error:
+                log.warning("lost jobs could not be looked for; soon again", cause=repr(error))
 
     def _redeliver(self) -> None:
         with self._database.writing("redeliver-jobs") as session:

@@ -319,7 +319,18 @@ def _mine(attempt: Attempt) -> ColumnElement[bool]:
     )
 
 
+def _be_brief(session: Session) -> None:
+    """Let PostgreSQL give up on this transaction soon: a process that is stopped within it holds the row.
+
+    SQLite has one lock for all; a worker that is stopped while it holds it is waited for.
+    """
+    if session.get_bind().dialect.name == "postgresql":
+        session.execute(text("SET LOCAL lock_timeout = '5s'"))
+        session.execute(text("SET LOCAL idle_in_transaction_session_timeout = '10s'"))
+
+
 def _guarded(session: Session, attempt: Attempt, values: dict[str, Any]) -> None:
+    _be_brief(session)
     held = session.scalar(
         update(Job)
         .where(_mine(attempt))
@@ -332,6 +343,7 @@ def _guarded(session: Session, attempt: Attempt, values: dict[str, Any]) -> None
 
 
 def _held(session: Session, attempt: Attempt) -> Job:
+    _be_brief(session)
     job = session.scalars(select(Job).where(_mine(attempt)).with_for_update()).one_or_none()
     if job is None:
         raise LeaseLost(attempt.job_id)
