@@ -94,7 +94,7 @@ class PlacementEvidence:
     tilt_rad: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the evidence as a JSON object; a number that is not finite (nothing holds the pose) is null."""
+        """Return the evidence as a JSON object; a number that is not finite is null: nothing holds the pose."""
         value = {
             name: None if isinstance(member, float) and not math.isfinite(member) else member
             for name, member in asdict(self).items()
