@@ -94,7 +94,7 @@ class PlacementEvidence:
     tilt_rad: float
 
     def to_json(self) -> dict[str, Any]:
-        """Return the evidence as a JSON object; a number that is not finite is null: nothing holds the pose."""
+        """Return the evidence as a JSON object; one that nothing determines (not finite) is null."""
         value = {
             name: None if isinstance(member, float) and not math.isfinite(member) else member
             for name, member in asdict(self).items()
