@@ -207,7 +207,7 @@ class Workbench:
         return not (self.data_dir / "crash-at").exists()
 
     def add_revision(self, drawing_job_id: str, **recipe: Any) -> str:
-        """Return the job that builds the next revision from a drawing that was read."""
+        """Return the job that builds the next revision from a drawing."""
         now = self.kernel.now()
         revision_id, job_id = self.kernel.new_id("rev"), self.kernel.new_id("job")
         with self.kernel.db.writing("receive-drawing") as session:
@@ -230,8 +230,8 @@ class Workbench:
                     status="building",
                     recipe=Recipe(**recipe).to_json(),
                     drawing_id=drawing.id,
-                    walls_sha256=drawing.walls_sha256,
-                    scale=(drawing.reading or {})["scale"],
+                    walls_sha256=drawing.walls_sha256 or drawing.blob_sha256,
+                    scale=(drawing.reading or {"scale": {"state": "given"}})["scale"],
                     job_id=job_id,
                     created_at=now,
                     created_by=self.key_id,
