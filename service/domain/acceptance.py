@@ -46,11 +46,11 @@ class AcceptancePolicy:
     rejected_inlier_share: float = 0.35
     accepted_inlier_share: float = 0.6
     accepted_share_of_all: float = 0.4
-    accepted_residual_m: float = 0.015
+    accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.06
-    largest_sensitivity_m: float = 0.0305
+    largest_sensitivity_m: float = 0.045
     runner_up_ratio: float = 0.85
     least_agreement: float = 0.4
     largest_move_m: float = 3.0

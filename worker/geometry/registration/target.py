@@ -13,6 +13,7 @@ from service.domain.evidence import MapKind
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.drawing.reading import Column, Wall
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
+from worker.geometry.registration.visibility import Solids
 
 ALONG_STEP = 0.05
 _UP_STEP = 0.15
@@ -45,6 +46,8 @@ class PlacementTarget:
         Height of the faces above z = 0 [m].
     ceiling : bool
         Whether a ceiling at the wall height is known.
+    solids : optional
+        What hides faces that stand against it.
     """
 
     kind: MapKind
@@ -52,6 +55,7 @@ class PlacementTarget:
     segments: _Segments | None = None
     wall_height: float = 0.0
     ceiling: bool = False
+    solids: Solids | None = None
 
     @classmethod
     def from_cloud(cls, points: NDArray[np.float64]) -> PlacementTarget:
@@ -99,7 +103,8 @@ class PlacementTarget:
         if not walls and not columns:
             raise FileEmpty("The map holds no wall, so nothing can be placed on it.")
         points = np.zeros((0, 3)) if layers is None else layers
-        return cls("faces", points, _segments(walls, columns), wall_height, ceiling)
+        solids = Solids.of(walls, columns)
+        return cls("faces", points, _segments(walls, columns), wall_height, ceiling, solids)
 
     def near(self, centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
         """Return the (K, 3) points of the cloud within `radius` [m] of `centre` (3,), seen from above."""
@@ -147,7 +152,7 @@ class PlacementTarget:
         if self.segments is None:
             return cloud
         parts = [
-            _walls(self.segments, centre, radius, self.wall_height),
+            _walls(self.segments, self.solids, centre, radius, self.wall_height),
             _plane(centre, radius, 0.0, 1.0),
         ]
         if self.ceiling:
@@ -189,7 +194,11 @@ def _segments(walls: Sequence[Wall], columns: Sequence[Column]) -> _Segments:
 
 
 def _walls(
-    segments: _Segments, centre: NDArray[np.float64], radius: float, height: float
+    segments: _Segments,
+    solids: Solids | None,
+    centre: NDArray[np.float64],
+    radius: float,
+    height: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return samples on the upright faces near a place, and their normals."""
     along = segments.end - segments.begin
@@ -201,6 +210,9 @@ def _walls(
     foot = segments.begin[which] + share[:, None] * along[which]
     near = np.sum((foot - centre[:2]) ** 2, axis=1) < radius**2
     foot, out = foot[near], segments.outward[which[near]]
+    if solids is not None:
+        seen = ~solids.hides(foot, out)
+        foot, out = foot[seen], out[seen]
     levels = np.arange(0.5 * _UP_STEP, height, _UP_STEP)
     points = np.column_stack([np.repeat(foot, len(levels), axis=0), np.tile(levels, len(foot))])
     normals = np.column_stack([np.repeat(out, len(levels), axis=0), np.zeros(len(points))])
