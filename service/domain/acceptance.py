@@ -31,10 +31,14 @@ class AcceptancePolicy:
     least_upright_surfaces : int
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
     largest_contradicted_share : float
-        More structure than this behind walls of the map speaks against the pose.
-    largest_sensitivity_m : float
+        More structure than this behind walls of the map, as seen from where the scan began, speaks
+        against the pose.
+    excusing_inlier_share : float
+        Not so where this share of the structure lies on the map: then the tablet walked around corners.
+    largest_sensitivity_m, largest_sensitivity_on_few_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
-        that the drawing's own errors are magnified, unseen.
+        that the drawing's own errors are magnified, unseen. The second holds for a scan on no more than
+        `least_upright_surfaces` walls, which another corner of the building may offer as well.
     runner_up_ratio : float
         A runner-up that explains this share of what the pose explains makes the pose ambiguous.
     least_agreement : float
@@ -50,7 +54,9 @@ class AcceptancePolicy:
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.06
+    excusing_inlier_share: float = 0.85
     largest_sensitivity_m: float = 0.045
+    largest_sensitivity_on_few_m: float = 0.03
     runner_up_ratio: float = 0.85
     least_agreement: float = 0.4
     largest_move_m: float = 3.0
@@ -138,7 +144,8 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
         )
-    if e.contradicted_share > policy.largest_contradicted_share:
+    walked = e.inlier_share_of_structure >= policy.excusing_inlier_share
+    if e.contradicted_share > policy.largest_contradicted_share and not walked:
         doubts.append(
             f"{e.contradicted_share:.0%} of the scanned structure was seen through the map's walls."
         )
@@ -157,7 +164,9 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
             f"The scan rests on {e.upright_surfaces} upright surfaces; with fewer than "
             f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
         )
-    if not e.position_sensitivity_m <= policy.largest_sensitivity_m:
+    on_few = e.upright_surfaces <= policy.least_upright_surfaces
+    limit = policy.largest_sensitivity_on_few_m if on_few else policy.largest_sensitivity_m
+    if not e.position_sensitivity_m <= limit:
         doubts.append(
             "The walls seen hold the position from too few sides: "
             "if they stand 3 cm from where the map has them, "

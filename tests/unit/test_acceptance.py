@@ -30,11 +30,12 @@ DOUBTS: list[tuple[dict[str, Any], str]] = [
     ({"residual_median_m": 0.05}, "0.050 m off"),
     ({"residual_median_m": math.nan}, "off the map"),
     ({"tilt_rad": 0.2}, "tilted"),
-    ({"contradicted_share": 0.2}, "through"),
+    ({"contradicted_share": 0.2, "inlier_share_of_structure": 0.8}, "through"),
     ({"weak_directions": ("along 30 deg",)}, "along 30 deg"),
     ({"upright_surfaces": 2}, "third wall"),
     ({"position_sensitivity_m": 0.1}, "too few sides"),
     ({"position_sensitivity_m": math.inf}, "too few sides"),
+    ({"position_sensitivity_m": 0.035, "upright_surfaces": 3}, "too few sides"),
     ({"runner_up_inlier_share": 0.9, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1}, "Another pose"),
     ({"starts_agreeing": 1}, "1 of 7 starts"),
     ({"moved_m": 8.0}, "from the rough pose"),
@@ -54,6 +55,10 @@ def test_one_doubt_is_enough_for_a_review(change: dict[str, Any], words: str) ->
     assert judgement.verdict == "needs-review"
     assert len(judgement.reasons) == 1
     assert words in judgement.reasons[0]
+
+
+def test_a_tablet_that_walked_has_seen_behind_walls_rightly() -> None:
+    assert judge(replace(GOOD, contradicted_share=0.4)).verdict == "accepted"
 
 
 def test_all_doubts_are_named_together() -> None:
