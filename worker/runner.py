@@ -5,6 +5,7 @@ It loads no job code, so no job can take it down or keep it from its beat.
 
 from __future__ import annotations
 
+import math
 import shutil
 import signal
 import threading
@@ -62,10 +63,13 @@ class _Watch:
     told: dict[str, Any] = field(default_factory=dict)
     last_word: dict[str, Any] | None = None
     is_shown: bool = False
+    is_recorded: bool = False
     is_broken_off: bool = False
 
     def pause_s(self, beat_s: float) -> float:
-        """Return the seconds between two beats: none before the job's first word, few while it speaks."""
+        """Return the seconds between two beats: none at the job's first word, few while it speaks."""
+        if self.is_recorded:
+            return math.inf
         if not self.told:
             return beat_s
         return _PROGRESS_EVERY_S if self.is_shown else 0.0
@@ -220,8 +224,7 @@ class Runner:
                     session, attempt, lease_s=self._terms.lease_s, now=self._kernel.now(), **watch.told
                 )
         except LeaseLost:
-            log.info("the job has just ended, or another worker took over", job=attempt.job_id)
-            self._break_off(watch, None)
+            self._yield(watch)
             return
         except DatabaseBusy:
             log.warning("a beat failed: the database did not answer", job=attempt.job_id)
@@ -230,6 +233,14 @@ class Runner:
         watch.beaten_at, watch.told = time.monotonic(), {}
         if cancelled:
             self._break_off(watch, lambda s: jobs.finish_cancelled(s, attempt, now=self._kernel.now()))
+
+    def _yield(self, watch: _Watch) -> None:
+        """Let a job that has recorded its result come to its end; stop one that another worker took over."""
+        with self._kernel.db.reading() as session:
+            watch.is_recorded = jobs.has_succeeded(session, watch.attempt)
+        if not watch.is_recorded:
+            log.warning("the job was taken over or ended elsewhere", job=watch.attempt.job_id)
+            self._break_off(watch, None)
 
     def _break_off(self, watch: _Watch, verdict: Callable[[Session], None] | None) -> None:
         """Kill the child, then judge: what it has committed by then stands."""

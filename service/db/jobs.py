@@ -176,6 +176,12 @@ def beat(
     return bool(session.scalar(select(Job.cancel_requested).where(Job.id == attempt.job_id)))
 
 
+def has_succeeded(session: Session, attempt: Attempt) -> bool:
+    """Return whether this very attempt has recorded its result."""
+    job = session.get_one(Job, attempt.job_id)
+    return job.state == JobState.SUCCEEDED and job.attempt_token == attempt.token
+
+
 def finish_succeeded(session: Session, attempt: Attempt, *, now: datetime) -> None:
     """End the job well; belongs into the transaction that writes its result.
 
