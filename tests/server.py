@@ -122,13 +122,13 @@ def start(settings: Settings, *, admin_key: str | None = None, **more: str) -> S
         )
     try:
         url, printed = _announced(process, log)
+        key = admin_key or printed
+        assert key is not None, "the service printed no key: give the one that an earlier start printed"
     except BaseException:
         process.kill()
         process.communicate()
         kernel.db.close()
         raise
-    key = admin_key or printed
-    assert key is not None, "the service printed no key: give the one that an earlier start printed"
     return Server(url, key, process, settings, kernel, log, time.monotonic() - begun)
 
 
