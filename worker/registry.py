@@ -10,6 +10,7 @@ import numpy as np
 from service.domain.lifecycle import JobKind
 from worker.context import JobContext
 from worker.geometry.drawing.read import read_raster
+from worker.geometry.drawing.scale import given
 from worker.handlers.build_revision import build_revision
 from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing
@@ -33,7 +34,7 @@ def prepare() -> None:
     sheet = np.full((200, 240), 255, dtype=np.uint8)
     sheet[40:155, 40:200] = 0
     sheet[45:150, 45:195] = 255
-    read_raster(sheet, metres_per_px=0.05)
+    read_raster(sheet, scale=given(0.05))
 
 
 def after_fork() -> None:

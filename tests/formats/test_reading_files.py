@@ -11,6 +11,7 @@ from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from worker.formats.reading import load_walls, load_walls_and_columns, write_reading, write_walls
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
+from worker.geometry.drawing.scale import Scale, given
 
 WALL = Wall.of(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]), thickness=0.2)
 PIER = Column(np.array([[1.0, 1.0], [1.4, 1.0], [1.4, 1.4], [1.0, 1.4]]))
@@ -34,19 +35,19 @@ def test_walls_and_columns_come_back(tmp_path: Path) -> None:
 
 def test_a_reading_is_four_files_and_names_every_removed_stroke(tmp_path: Path) -> None:
     stroke = RemovedStroke((np.array([[1.0, 1.0], [2.0, 2.0]]),), "text", "small")
-    reading = Reading((WALL,), (PIER,), (stroke,), (5.0, 4.0), 0.01, "outlined")
-    paths = write_reading(reading, tmp_path, scale={"state": "given"})
+    reading = Reading((WALL,), (PIER,), (stroke,), (5.0, 4.0), given(0.01), "outlined")
+    paths = write_reading(reading, tmp_path)
     assert [p.name for p in paths] == ["walls.geojson", "removed.geojson", "preview.png", "reading.json"]
     removed = json.loads(paths[1].read_text())["features"]
     assert [f["properties"] for f in removed] == [{"layer": "text", "reason": "small"}]
     summary = json.loads(paths[3].read_text())
     assert summary["counts"] == {"walls": 1, "columns": 1, "wall_length_m": 7.0, "removed": {"text": 1}}
-    assert (summary["scale"], summary["unit"], summary["sheet"]) == ({"state": "given"}, "m", [5.0, 4.0])
+    assert (summary["scale"], summary["unit"], summary["sheet"]) == (given(0.01).to_json(), "m", [5.0, 4.0])
 
 
 def test_walls_in_pixels_are_no_walls_for_a_map(tmp_path: Path) -> None:
-    reading = Reading((WALL,), (), (), (5.0, 4.0), None, "outlined")
-    write_reading(reading, tmp_path, scale={"state": "unknown"})
+    reading = Reading((WALL,), (), (), (5.0, 4.0), Scale("unknown", None), "outlined")
+    write_reading(reading, tmp_path)
     written = json.loads((tmp_path / "walls.geojson").read_text())
     assert written["unit"] == "px"
     assert written["features"][0]["properties"]["thickness_px"] == 0.2

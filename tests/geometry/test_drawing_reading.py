@@ -10,6 +10,7 @@ from PIL import Image, ImageDraw, ImageFont
 from service.domain.errors import NoWallsFound
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading, Wall, offset_polyline
+from worker.geometry.drawing.scale import Scale, given
 
 SCALE = 0.01
 HEIGHT_M = 10.0
@@ -98,7 +99,7 @@ def test_an_outlined_room_comes_back_with_its_thickness_and_all_else_is_set_asid
     dashes(sheet)
     sheet.text((7.3, 5.0), "HALL 2")
     sheet.box((7.0, 6.5), (8.2, 7.2), width=3)
-    reading = read_raster(sheet.grey(), metres_per_px=SCALE)
+    reading = read_raster(sheet.grey(), scale=given(SCALE))
     assert_walls(reading, ROOM, 0.05)
     thick = [w.thickness for w in reading.walls if w.kind == "wall" and w.length > 1.0]
     assert len(thick) >= 5
@@ -120,7 +121,7 @@ def test_filled_walls_come_back_with_the_drawn_thickness() -> None:
     sheet.pen.rectangle([*sheet.px((8.0, 5.4)), *sheet.px((8.4, 5.0))], fill=0)
     dimension(sheet, 1.0)
     sheet.text((7.3, 4.0), "HALL 2")
-    reading = read_raster(sheet.grey(), metres_per_px=SCALE)
+    reading = read_raster(sheet.grey(), scale=given(SCALE))
     assert reading.style == "filled"
     assert_walls(reading, ROOM, 0.05)
     assert np.allclose([w.thickness for w in reading.walls if w.length > 1.0], 0.2, atol=0.03)
@@ -135,7 +136,7 @@ def test_a_single_line_plan_comes_back_as_partitions() -> None:
     for a, b in ROOM:
         sheet.line(a, b, width=3)
     sheet.text((7.3, 5.0), "HALL 2")
-    reading = read_raster(sheet.grey(), metres_per_px=SCALE)
+    reading = read_raster(sheet.grey(), scale=given(SCALE))
     assert reading.style == "single-line"
     assert_walls(reading, ROOM, 0.03)
     assert {w.kind for w in reading.walls} == {"partition"}
@@ -148,7 +149,7 @@ def test_shade_and_noise_change_little() -> None:
     light = 0.55 + 0.45 * np.exp(-(((x - 900) / 700) ** 2 + ((y - 300) / 600) ** 2))
     noise = np.random.default_rng(3).normal(0, 6, light.shape)
     grey = np.clip(sheet.grey() * light + noise, 0, 255).astype(np.uint8)
-    assert_walls(read_raster(grey, metres_per_px=SCALE), ROOM, 0.06)
+    assert_walls(read_raster(grey, scale=given(SCALE)), ROOM, 0.06)
 
 
 def test_stair_treads_are_no_walls() -> None:
@@ -156,7 +157,7 @@ def test_stair_treads_are_no_walls() -> None:
     outlined_room(sheet)
     for k in range(9):
         sheet.line((2.1, 3.0 + 0.28 * k), (3.4, 3.0 + 0.28 * k), width=3)
-    reading = read_raster(sheet.grey(), metres_per_px=SCALE)
+    reading = read_raster(sheet.grey(), scale=given(SCALE))
     inside = bodies(reading).intersection(shapely.box(2.3, 3.1, 3.3, 5.1))
     assert inside.is_empty
 
@@ -164,7 +165,7 @@ def test_stair_treads_are_no_walls() -> None:
 def test_without_a_scale_the_walls_are_in_pixels_and_a_finding_says_so() -> None:
     sheet = _Sheet()
     outlined_room(sheet)
-    reading = read_raster(sheet.grey(), metres_per_px=None)
+    reading = read_raster(sheet.grey(), scale=Scale("unknown", None))
     assert (reading.unit, reading.sheet) == ("px", pytest.approx((1300, 1000)))
     assert [f.code for f in reading.findings] == ["scale-unknown"]
     assert bodies(reading).buffer(5).covers(shapely.LineString([(250, 200), (950, 200)]))
@@ -173,26 +174,26 @@ def test_without_a_scale_the_walls_are_in_pixels_and_a_finding_says_so() -> None
 @pytest.mark.parametrize("grey", [255, 128, 0])
 def test_a_blank_sheet_has_no_walls(grey: int) -> None:
     with pytest.raises(NoWallsFound):
-        read_raster(np.full((400, 500), grey, dtype=np.uint8), metres_per_px=SCALE)
+        read_raster(np.full((400, 500), grey, dtype=np.uint8), scale=given(SCALE))
 
 
 def test_a_sheet_of_text_alone_has_no_walls() -> None:
     sheet = _Sheet()
     sheet.text((2.0, 5.0), "to be drawn later")
     with pytest.raises(NoWallsFound, match="Check the scale"):
-        read_raster(sheet.grey(), metres_per_px=SCALE)
+        read_raster(sheet.grey(), scale=given(SCALE))
 
 
 def test_a_scale_of_nothing_is_a_defect() -> None:
     with pytest.raises(ValueError, match="positive"):
-        read_raster(np.full((10, 10), 255, dtype=np.uint8), metres_per_px=0.0)
+        read_raster(np.full((10, 10), 255, dtype=np.uint8), scale=given(0.0))
 
 
 def test_progress_is_told_and_may_cancel() -> None:
     sheet = _Sheet()
     outlined_room(sheet)
     told: list[float] = []
-    read_raster(sheet.grey(), metres_per_px=SCALE, progress=lambda _, share: told.append(share))
+    read_raster(sheet.grey(), scale=given(SCALE), progress=lambda _, share: told.append(share))
     assert told == sorted(told)
 
     def cancel(stage: str, _share: float) -> None:
@@ -200,7 +201,7 @@ def test_progress_is_told_and_may_cancel() -> None:
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        read_raster(sheet.grey(), metres_per_px=SCALE, progress=cancel)
+        read_raster(sheet.grey(), scale=given(SCALE), progress=cancel)
 
 
 def test_faces_run_parallel_also_around_a_corner() -> None:

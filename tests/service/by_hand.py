@@ -78,7 +78,7 @@ class ByHand:
             )
             drawing_id, job_id = received.drawing.id, received.job.id
         if read:
-            scale = {"state": "given", "metres_per_px": 0.05} if scaled else {"state": "unknown"}
+            scale = {"state": "given", "metres_per_unit": 0.05} if scaled else {"state": "unknown"}
             files = {n: self.keep(n.encode()) for n in ("walls.geojson", "removed.geojson", "preview.png")}
             attempt = self.claim(job_id)
             with self.kernel.db.writing("record-drawing-reading") as session:
@@ -95,7 +95,7 @@ class ByHand:
             job_id = job.id
         files = {"walls.geojson": walls, "removed.geojson": b"removed", "preview.png": b"preview"}
         attempt = self.claim(job_id)
-        reading = {"scale": {"state": "given", "metres_per_px": 0.07}}
+        reading = {"scale": {"state": "given", "metres_per_unit": 0.07}}
         kept = {name: self.keep(content) for name, content in files.items()}
         with self.kernel.db.writing("record-drawing-reading") as session:
             record_drawing_reading(self.kernel, session, attempt, reading=reading, files=kept)

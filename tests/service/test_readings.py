@@ -68,7 +68,7 @@ def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_
     assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
     at = sent.headers["location"]
     first = admin.get(at).json()
-    assert first["reading"]["scale"]["metres_per_px"] == true
+    assert first["reading"]["scale"]["metres_per_unit"] == true
     picture = admin.get(first["files"]["preview"])
     assert picture.content.startswith(files.PNG_MAGIC)
     assert picture.headers["etag"] == f'"{hashlib.sha256(picture.content).hexdigest()}"'
@@ -91,7 +91,7 @@ def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_
 
     again = admin.patch(at, json={"page": 1, "scale": {"metres_per_unit": 1.05 * true}})
     assert wait(admin, again.json()["job"]["id"])["state"] == "succeeded"
-    assert admin.get(at).json()["reading"]["scale"]["metres_per_px"] == 1.05 * true
+    assert admin.get(at).json()["reading"]["scale"]["metres_per_unit"] == 1.05 * true
     assert spread(admin.get(first["files"]["walls"]).json()) == pytest.approx(1.05 * width, rel=0.005)
 
 

@@ -74,7 +74,7 @@ def test_a_drawing_read_anew_changes_no_revision(admin: httpx.Client, by_hand: B
     third = a_ready_revision(admin, by_hand, map_id, base=second, drawing_id=drawing_id)
     with by_hand.kernel.db.reading() as session:
         rows = session.scalars(select(Revision).where(Revision.map_id == map_id).order_by(Revision.n)).all()
-        held = [(row.n, row.walls_sha256, row.scale["metres_per_px"]) for row in rows]
+        held = [(row.n, row.walls_sha256, row.scale["metres_per_unit"]) for row in rows]
     earlier, later = by_hand.keep(b"walls.geojson").sha256, by_hand.keep(b"other walls").sha256
     assert held == [(first, earlier, 0.05), (second, earlier, 0.05), (third, later, 0.07)]
 

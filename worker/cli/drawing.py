@@ -12,6 +12,7 @@ import tempfile
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import InvalidRequest, NotFound, ScaleUnknown
 from service.domain.recipe import MapFromDrawing, Recipe
 from service.domain.scale import KnownLength, ScaleHint
@@ -46,10 +47,6 @@ def run(name: str, args: argparse.Namespace) -> int:
     """
     recipe = _recipe(args) if name == "build" else None
     hint = _scale(args)
-    if recipe is not None and hint is None:
-        raise ScaleUnknown(
-            "A map needs the drawing's scale: give --known-length, --metres-per-unit, or --scale with --dpi."
-        )
     if not args.drawing.is_file():
         raise NotFound(f"There is no file {args.drawing}.")
     args.output.parent.mkdir(parents=True, exist_ok=True)
@@ -59,7 +56,12 @@ def run(name: str, args: argparse.Namespace) -> int:
     try:
         reading, result = _read(args, hint, work)
         if recipe is not None:
-            result = _build(args, reading, recipe, hint, work)
+            if reading.unit != "m":
+                raise ScaleUnknown(
+                    "A map needs the drawing's scale, and no two witnesses of it agree: give --known-length, "
+                    "--metres-per-unit, or --scale with --dpi."
+                )
+            result = _build(args, reading, recipe, work)
         _publish(work, args.output)
     finally:
         shutil.rmtree(work, ignore_errors=True)
@@ -68,30 +70,25 @@ def run(name: str, args: argparse.Namespace) -> int:
 
 
 def _read(args: argparse.Namespace, hint: ScaleHint | None, work: Path) -> tuple[Reading, dict[str, Any]]:
-    from worker.formats.raster import load_raster  # noqa: PLC0415 - heavy: --help answers at once
+    from worker.formats.drawing import read_drawing_file  # noqa: PLC0415 - heavy: --help answers at once
     from worker.formats.reading import write_reading  # noqa: PLC0415
-    from worker.geometry.drawing.read import read_raster  # noqa: PLC0415
 
-    _progress("load", 0.0)
-    grey = load_raster(args.drawing, page=args.page)
-    scale = None if hint is None else hint.metres_per_px()
-    reading = read_raster(grey, metres_per_px=scale, progress=_progress)
+    options = DrawingOptions(scale=hint, page=args.page)
+    reading = read_drawing_file(args.drawing, options=options, progress=_progress)
     if args.command == "read":
-        write_reading(reading, work, scale=_scale_json(hint))
+        write_reading(reading, work)
         return reading, json.loads((work / "reading.json").read_text(encoding="utf-8"))
     return reading, {}
 
 
-def _build(
-    args: argparse.Namespace, reading: Reading, recipe: Recipe, hint: ScaleHint | None, work: Path
-) -> dict[str, Any]:
+def _build(args: argparse.Namespace, reading: Reading, recipe: Recipe, work: Path) -> dict[str, Any]:
     from worker.formats.artifacts import write_artifacts  # noqa: PLC0415 - as above
 
     with args.drawing.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     inputs = {
         "drawing": {"sha256": digest, "name": args.drawing.name, "page": args.page},
-        "scale": _scale_json(hint),
+        "scale": reading.scale.to_json(),
     }
     write_artifacts(
         work,
@@ -180,9 +177,3 @@ def _recipe(args: argparse.Namespace) -> Recipe:
         ceiling=args.ceiling,
         map_from_drawing=pose,
     )
-
-
-def _scale_json(hint: ScaleHint | None) -> dict[str, Any]:
-    if hint is None:
-        return {"state": "unknown"}
-    return {"state": "given", "metres_per_px": hint.metres_per_px(), "evidence": hint.to_json()}

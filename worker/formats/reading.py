@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Sequence
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
@@ -21,7 +22,7 @@ _FARTHEST = 1e7
 _THICKEST = 10.0
 
 
-def write_reading(reading: Reading, directory: Path, *, scale: dict[str, Any]) -> list[Path]:
+def write_reading(reading: Reading, directory: Path) -> list[Path]:
     """Write ``walls.geojson``, ``removed.geojson``, ``preview.png`` and ``reading.json``; return their paths.
 
     Parameters
@@ -30,15 +31,13 @@ def write_reading(reading: Reading, directory: Path, *, scale: dict[str, Any]) -
         In frame `drawing`.
     directory : Path
         Exists; files of the same names are overwritten.
-    scale : dict
-        What is known of the scale, and from whom: the member ``scale`` of ``reading.json``.
     """
     walls, removed = directory / "walls.geojson", directory / "removed.geojson"
     picture, summary = directory / "preview.png", directory / "reading.json"
     write_walls(walls, reading.walls, reading.columns, frame="drawing", unit=reading.unit)
     write_json(removed, _collection([_removed(r) for r in reading.removed], "drawing", reading.unit))
     _picture(picture, reading)
-    write_json(summary, _summary(reading, scale), indent=2)
+    write_json(summary, _summary(reading), indent=2)
     return [walls, removed, picture, summary]
 
 
@@ -182,6 +181,7 @@ def _wall(wall: Wall, unit: Unit) -> dict[str, Any]:
             "kind": wall.kind,
             f"thickness_{unit}": round(wall.thickness, _DECIMALS),
             "faces": [_rounded(face) for face in wall.faces],
+            "confidence": round(wall.confidence, 3),
         },
     }
 
@@ -217,16 +217,18 @@ def _drawn_walls(walls: Sequence[Wall], columns: Sequence[Column]) -> list[previ
     ]
 
 
-def _summary(reading: Reading, scale: dict[str, Any]) -> dict[str, Any]:
+def _summary(reading: Reading) -> dict[str, Any]:
     removed: dict[str, int] = {}
     for stroke in reading.removed:
         removed[stroke.layer] = removed.get(stroke.layer, 0) + 1
     return {
         "frame": "drawing",
         "unit": reading.unit,
-        "scale": scale,
+        "scale": reading.scale.to_json(),
         "sheet": [round(v, _DECIMALS) for v in reading.sheet],
-        "drawing_origin": [0.0, 0.0],
+        "drawing_origin": [round(v, _DECIMALS) for v in reading.origin],
+        "confidence": round(reading.confidence, 3),
+        "layers": [asdict(layer) for layer in reading.layers],
         "style": reading.style,
         "counts": {
             "walls": len(reading.walls),

@@ -4,38 +4,33 @@ from __future__ import annotations
 
 import json
 from pathlib import Path
-from typing import Any
 
 from service.db.models import Drawing
 from service.domain.drawing_options import DrawingOptions
-from service.domain.scale import ScaleHint
 from service.usecases.record_drawing_reading import record_drawing_reading
 from worker.context import JobContext
-from worker.formats.raster import load_raster
+from worker.formats.drawing import read_drawing_file
 from worker.formats.reading import write_reading
-from worker.geometry.drawing.read import read_raster
 
 
 def read_drawing(context: JobContext) -> None:
     """Read the drawing and record its reading.
 
     1. take the uploaded bytes and what was said of their scale and page
-    2. decode them to grey pixels
-    3. find walls and columns, and set aside the rest with its reason
-    4. write the reading's files and keep them as blobs
-    5. record the reading with the end of the job
+    2. find walls and columns, and set aside the rest with its reason
+    3. write the reading's files and keep them as blobs
+    4. record the reading with the end of the job
     """
     path, options = _uploaded(context)
-    context.progress("load", 0.0)
-    hint = options.scale
-    grey = load_raster(path, bounds=context.bounds, page=options.page)
-    metres_per_px = None if hint is None else hint.metres_per_px()
-    reading = read_raster(
-        grey, metres_per_px=metres_per_px, progress=lambda stage, share: context.progress(stage, 0.9 * share)
+    reading = read_drawing_file(
+        path,
+        options=options,
+        bounds=context.bounds,
+        progress=lambda stage, share: context.progress(stage, 0.9 * share),
     )
     context.progress("write", 0.9)
     folder = context.folder("reading")
-    write_reading(reading, folder, scale=_scale(hint))
+    write_reading(reading, folder)
     summary = json.loads((folder / "reading.json").read_text(encoding="utf-8"))
     blobs = context.kernel.blobs
     names = ("walls.geojson", "removed.geojson", "preview.png")
@@ -48,9 +43,3 @@ def _uploaded(context: JobContext) -> tuple[Path, DrawingOptions]:
     with context.kernel.db.reading() as session:
         drawing = session.get_one(Drawing, context.attempt.subject_id)
         return context.kernel.blobs.path(drawing.blob_sha256), DrawingOptions.from_json(drawing.options)
-
-
-def _scale(hint: ScaleHint | None) -> dict[str, Any]:
-    if hint is None:
-        return {"state": "unknown"}
-    return {"state": "given", "metres_per_px": hint.metres_per_px(), "evidence": hint.to_json()}

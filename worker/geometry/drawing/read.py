@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,6 +15,7 @@ from worker.geometry.drawing import cleanup
 from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.pairs import Pairs, find_pairs, regular_patterns
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
+from worker.geometry.drawing.scale import Scale
 from worker.geometry.drawing.strokes import Strokes, find_strokes
 from worker.geometry.drawing.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
 
@@ -39,9 +40,7 @@ _REASONS = {
 }
 
 
-def read_raster(
-    grey: NDArray[np.uint8], *, metres_per_px: float | None, progress: Progress | None = None
-) -> Reading:
+def read_raster(grey: NDArray[np.uint8], *, scale: Scale, progress: Progress | None = None) -> Reading:
     """Return the walls of a sheet, and everything that was set aside with its reason.
 
     A first honest cleaning: what is no wall is told by size, pen weight, dashes, regular rows, parallel
@@ -53,9 +52,9 @@ def read_raster(
     ----------
     grey : ndarray of shape (H, W), uint8
         255 is bare paper; row 0 is the top.
-    metres_per_px : float or None
-        Scale. While it is unknown, sizes are judged as if the drawn extent were 30 m, which a finding says,
-        and coordinates are pixels.
+    scale : Scale
+        In metres a pixel. While it is unknown, sizes are judged as if the drawn extent were 30 m, which a
+        finding says, and coordinates are pixels.
     progress : callable, optional
         Told the stage and the share done; what it raises ends the work.
 
@@ -71,13 +70,13 @@ def read_raster(
     ValueError
         If the scale is not positive.
     """
-    if metres_per_px is not None and not metres_per_px > 0:
-        msg = f"a scale is positive, not {metres_per_px} metres a pixel"
+    if scale.metres_per_unit is not None and not scale.metres_per_unit > 0:
+        msg = f"a scale is positive, not {scale.metres_per_unit} metres a pixel"
         raise ValueError(msg)
     tell = progress or (lambda _stage, _share: None)
     tell("ink", 0.05)
-    scale = metres_per_px or _ASSUMED_EXTENT / max(grey.shape)
-    ink, dust = drop_dust(find_ink(grey, scale))
+    metres_per_px = scale.metres_per_unit or _ASSUMED_EXTENT / max(grey.shape)
+    ink, dust = drop_dust(find_ink(grey, metres_per_px))
     tell("strokes", 0.2)
     strokes = find_strokes(ink, ink.mask)
     if not len(strokes):
@@ -85,17 +84,17 @@ def read_raster(
     tell("cleanup", 0.55)
     walls, columns, removed, style = _sort_out(ink, strokes, tell)
     if not walls:
-        wide, high = (n * scale for n in grey.shape[::-1])
+        wide, high = (n * metres_per_px for n in grey.shape[::-1])
         raise NoWallsFound(
             f"None of the {len(strokes)} strokes on the sheet looks like a wall. Check the scale: "
-            f"at {scale:.5g} m a pixel the sheet is {wide:.1f} x {high:.1f} m."
+            f"at {metres_per_px:.5g} m a pixel the sheet is {wide:.1f} x {high:.1f} m."
         )
-    size = (grey.shape[1] * scale, grey.shape[0] * scale)
+    size = (grey.shape[1] * metres_per_px, grey.shape[0] * metres_per_px)
     removed += _dust(dust, ink.metres_per_px)
     counts: dict[str, float] = {"dust": len(dust)}
     reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, counts=counts)
     tell("walls", 0.95)
-    return reading if metres_per_px is not None else _in_pixels(reading, scale)
+    return reading if scale.metres_per_unit is not None else _in_pixels(reading, metres_per_px)
 
 
 @dataclass
@@ -211,7 +210,7 @@ def _dust(dust: NDArray[np.float64], edge: float) -> list[RemovedStroke]:
     return [RemovedStroke(lines, "speck", _REASONS["dust"])] if lines else []
 
 
-def _in_pixels(reading: Reading, scale: float) -> Reading:
+def _in_pixels(reading: Reading, metres_per_px: float) -> Reading:
     """Return the reading in pixels of the sheet, with a finding that says so."""
     finding = Finding(
         "scale-unknown",
@@ -219,16 +218,4 @@ def _in_pixels(reading: Reading, scale: float) -> Reading:
         "The scale is not known: coordinates are pixels, and sizes were judged as if the longer side "
         f"of the sheet were {_ASSUMED_EXTENT:g} m.",
     )
-    return Reading(
-        tuple(
-            Wall(w.centre / scale, w.thickness / scale, (w.faces[0] / scale, w.faces[1] / scale), w.kind)
-            for w in reading.walls
-        ),
-        tuple(Column(c.outline / scale, c.kind) for c in reading.columns),
-        tuple(RemovedStroke(tuple(x / scale for x in r.lines), r.layer, r.reason) for r in reading.removed),
-        (reading.sheet[0] / scale, reading.sheet[1] / scale),
-        None,
-        reading.style,
-        (*reading.findings, finding),
-        reading.counts,
-    )
+    return replace(reading.scaled(1.0 / metres_per_px), findings=(*reading.findings, finding))

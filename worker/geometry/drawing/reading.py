@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.findings import Finding
+from worker.geometry.drawing.scale import Scale
 
 Unit = Literal["m", "px"]
 
@@ -27,12 +28,15 @@ class Wall:
         The surfaces that a LiDAR sees [m]: left and right of the centre line's direction.
     kind : str
         ``wall``, or ``partition`` where the drawing shows it as a single line.
+    confidence : float
+        How sure the reading is that this is a wall, 0 to 1.
     """
 
     centre: NDArray[np.float64]
     thickness: float
     faces: tuple[NDArray[np.float64], NDArray[np.float64]]
     kind: str = "wall"
+    confidence: float = 1.0
 
     @classmethod
     def of(cls, centre: NDArray[np.float64], *, thickness: float, kind: str = "wall") -> Wall:
@@ -74,6 +78,29 @@ class RemovedStroke:
     reason: str
 
 
+@dataclass(frozen=True)
+class SourceLayer:
+    """Hold a layer of a vector file: its name as the file spells it, and as what it was taken.
+
+    Parameters
+    ----------
+    name : str
+        As in the file.
+    role : str
+        ``wall``, ``column``, ``door``, ``window``, ``text``, ``dimension``, ``hatch``, ``furniture``,
+        ``stair``, ``frame``, ``grid`` or ``other``.
+    reason : str
+        What decided: a name rule, the geometry, or a person.
+    length : float
+        Length of its lines, in `unit`.
+    """
+
+    name: str
+    role: str
+    reason: str
+    length: float
+
+
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Hold what was read from a drawing, in frame `drawing`: x right, y up, origin at the sheet's lower left.
@@ -84,27 +111,58 @@ class Reading:
         What was kept, and what was set aside.
     sheet : tuple of float
         Width and height of the sheet, in `unit`.
-    metres_per_px : float or None
-        Scale; None while it is unknown, and then every coordinate is in pixels.
+    scale : Scale
+        With its evidence; while it is unknown every coordinate is in pixels or drawing units.
     style : str
         How the drawing shows walls: ``filled``, ``outlined`` or ``single-line``.
     findings : tuple of Finding
         Remarks for the person who looks at the reading.
+    counts : dict of str to float
+        Numbers for ``reading.json``.
+    origin : tuple of float
+        Where the origin of frame `drawing` lies in the file's own coordinates, in `unit`.
+    layers : tuple of SourceLayer
+        The layers of a vector file, and as what each was taken.
+    confidence : float
+        How sure the reading is of itself as a whole, 0 to 1.
     """
 
     walls: tuple[Wall, ...]
     columns: tuple[Column, ...]
     removed: tuple[RemovedStroke, ...]
     sheet: tuple[float, float]
-    metres_per_px: float | None
+    scale: Scale
     style: str
     findings: tuple[Finding, ...] = ()
     counts: dict[str, float] = field(default_factory=dict)
+    origin: tuple[float, float] = (0.0, 0.0)
+    layers: tuple[SourceLayer, ...] = ()
+    confidence: float = 1.0
 
     @property
     def unit(self) -> Unit:
         """Return the unit of every coordinate."""
-        return "px" if self.metres_per_px is None else "m"
+        return "px" if self.scale.metres_per_unit is None else "m"
+
+    def scaled(self, factor: float) -> Reading:
+        """Return the reading with every coordinate and length times `factor`; its scale stays as it is."""
+        return replace(
+            self,
+            walls=tuple(
+                replace(
+                    w,
+                    centre=w.centre * factor,
+                    thickness=w.thickness * factor,
+                    faces=(w.faces[0] * factor, w.faces[1] * factor),
+                )
+                for w in self.walls
+            ),
+            columns=tuple(replace(c, outline=c.outline * factor) for c in self.columns),
+            removed=tuple(replace(r, lines=tuple(x * factor for x in r.lines)) for r in self.removed),
+            sheet=(self.sheet[0] * factor, self.sheet[1] * factor),
+            origin=(self.origin[0] * factor, self.origin[1] * factor),
+            layers=tuple(replace(x, length=x.length * factor) for x in self.layers),
+        )
 
 
 def offset_polyline(line: NDArray[np.float64], distance: float) -> NDArray[np.float64]:
