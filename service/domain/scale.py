@@ -21,10 +21,19 @@ class KnownLength:
     y2: float
     length_m: float
 
+    @property
+    def length_px(self) -> float:
+        """Return the distance of the two points [pixels or drawing units]."""
+        return math.hypot(self.x2 - self.x1, self.y2 - self.y1)
+
+    def to_json(self) -> dict[str, float]:
+        """Return the length as a JSON object."""
+        return {"x1": self.x1, "y1": self.y1, "x2": self.x2, "y2": self.y2, "length_m": self.length_m}
+
 
 @dataclass(frozen=True)
 class ScaleHint:
-    """Hold one way in which a person gave the scale; exactly one of the three is set.
+    """Hold one way in which a person gave the scale; exactly one way is set.
 
     Parameters
     ----------
@@ -34,12 +43,20 @@ class ScaleHint:
         1:`ratio` on a sheet of `dpi` pixels an inch.
     known_length : KnownLength, optional
         A measured length.
+    known_lengths : tuple of KnownLength
+        Several measured lengths: the scale is their least-squares fit.
     """
 
     metres_per_unit: float | None = None
     ratio: float | None = None
     dpi: float | None = None
     known_length: KnownLength | None = None
+    known_lengths: tuple[KnownLength, ...] = ()
+
+    @property
+    def lengths(self) -> tuple[KnownLength, ...]:
+        """Return the measured lengths, one or several."""
+        return self.known_lengths if self.known_length is None else (self.known_length,)
 
     def metres_per_px(self) -> float:
         """Return metres per pixel (or drawing unit).
@@ -49,10 +66,15 @@ class ScaleHint:
         InvalidRequest
             If the hint is incomplete, contradictory, or gives no positive finite number.
         """
-        ways = [self.metres_per_unit is not None, self.ratio is not None, self.known_length is not None]
+        ways = [
+            self.metres_per_unit is not None,
+            self.ratio is not None,
+            self.known_length is not None,
+            bool(self.known_lengths),
+        ]
         if sum(ways) != 1:
             raise _invalid(
-                "Give the scale in exactly one way: metres per unit, a ratio with its dpi, or a known length."
+                "Give the scale in exactly one way: metres per unit, a ratio with its dpi, or known lengths."
             )
         if self.metres_per_unit is not None:
             value = self.metres_per_unit
@@ -61,12 +83,7 @@ class ScaleHint:
                 raise _invalid("A ratio such as 1:100 needs the sheet's dpi (pixels an inch).")
             value = self.ratio * _INCH_M / self.dpi
         else:
-            k = self.known_length
-            assert k is not None
-            px = math.hypot(k.x2 - k.x1, k.y2 - k.y1)
-            if not px > 0:
-                raise _invalid("The two points of the known length are the same.")
-            value = k.length_m / px
+            value = _least_squares(self.lengths)
         if not (math.isfinite(value) and value > 0):
             raise _invalid(f"The scale comes out as {value} metres a pixel; it has to be positive.")
         return value
@@ -79,8 +96,9 @@ class ScaleHint:
         if self.ratio is not None:
             out |= {"ratio": self.ratio, "dpi": self.dpi}
         if self.known_length is not None:
-            k = self.known_length
-            out["known_length"] = {"x1": k.x1, "y1": k.y1, "x2": k.x2, "y2": k.y2, "length_m": k.length_m}
+            out["known_length"] = self.known_length.to_json()
+        if self.known_lengths:
+            out["known_lengths"] = [k.to_json() for k in self.known_lengths]
         return out
 
     @classmethod
@@ -89,7 +107,19 @@ class ScaleHint:
         fields = dict(value)
         if isinstance(fields.get("known_length"), dict):
             fields["known_length"] = KnownLength(**fields["known_length"])
+        if "known_lengths" in fields:
+            fields["known_lengths"] = tuple(KnownLength(**k) for k in fields["known_lengths"])
         return cls(**fields)
+
+
+def _least_squares(lengths: tuple[KnownLength, ...]) -> float:
+    """Return the s that makes the sum of (length_m - s * length_px)^2 smallest."""
+    for k in lengths:
+        if not k.length_px > 0:
+            raise _invalid("The two points of a known length are the same.")
+        if not (math.isfinite(k.length_m) and k.length_m > 0):
+            raise _invalid(f"A known length is positive, not {k.length_m} m.")
+    return sum(k.length_m * k.length_px for k in lengths) / sum(k.length_px**2 for k in lengths)
 
 
 def _invalid(detail: str) -> InvalidRequest:

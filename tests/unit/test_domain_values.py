@@ -40,6 +40,7 @@ def test_a_recipe_out_of_its_limits_is_refused_with_a_pointer(field: dict[str, o
         (ScaleHint(metres_per_unit=0.01), 0.01),
         (ScaleHint(ratio=100, dpi=254), 0.01),
         (ScaleHint(known_length=KnownLength(0, 0, 300, 400, 5.0)), 0.01),
+        (ScaleHint(known_lengths=(KnownLength(0, 0, 300, 400, 5.0), KnownLength(0, 0, 9, 0, 0.09))), 0.01),
     ],
 )
 def test_each_way_to_give_the_scale_gives_metres_per_pixel(hint: ScaleHint, metres_per_px: float) -> None:
@@ -57,6 +58,8 @@ def test_each_way_to_give_the_scale_gives_metres_per_pixel(hint: ScaleHint, metr
         ScaleHint(metres_per_unit=float("inf")),
         ScaleHint(known_length=KnownLength(5, 5, 5, 5, 1.0)),
         ScaleHint(known_length=KnownLength(0, 0, 1, 1, 0.0)),
+        ScaleHint(known_lengths=(KnownLength(0, 0, 9, 0, 0.09), KnownLength(5, 5, 5, 5, 1.0))),
+        ScaleHint(known_length=KnownLength(0, 0, 1, 0, 1), known_lengths=(KnownLength(0, 0, 1, 0, 1),)),
     ],
 )
 def test_a_scale_that_says_nothing_or_too_much_is_refused(hint: ScaleHint) -> None:
