@@ -265,7 +265,7 @@ def _ranked(witnesses: tuple[Witness, ...], units: Sequence[float]) -> tuple[flo
 
 def _centres(exact: list[Witness]) -> list[float]:
     """Return the middles of the groups of exact witnesses that agree, the largest group first."""
-    centres = []
+    centres: list[float] = []
     left = sorted(exact, key=lambda w: w.value)
     while left and len(centres) < _MOST_CANDIDATES:
         groups = [[o for o in left if w.allows(o.value)] for w in left]
