@@ -14,8 +14,8 @@ from service.domain.errors import InvalidRequest, RevisionNotReady, ScanNotRead
 from service.domain.lifecycle import JobKind, RevisionStatus, Role
 from service.domain.rough_pose import RoughPose
 from service.usecases.kernel import Kernel
-from service.usecases.placements import covered_scan
 from service.usecases.revisions import ready_revision
+from service.usecases.scans import covered_scan
 
 
 @dataclass(frozen=True)
@@ -67,7 +67,7 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
         If there is no rough pose to start from: searching without one is not available yet.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
-    scan = covered_scan(session, actor, scan_id=scan_id)
+    scan, _, _ = covered_scan(session, actor, scan_id=scan_id)
     pose = _start(scan, wanted)
     if scan.reading is None:
         raise ScanNotRead(

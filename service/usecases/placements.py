@@ -7,10 +7,10 @@ from collections.abc import Sequence
 from sqlalchemy.orm import Session
 
 from service.db import placements as table
-from service.db.models import Job, Placement, Scan
-from service.db.uploads import find_scan_row
+from service.db.models import Job, Placement
 from service.domain.access import Actor
-from service.domain.errors import PlacementNotAcceptable, PlacementNotFound, ScanNotFound
+from service.domain.errors import PlacementNotAcceptable, PlacementNotFound
+from service.usecases.scans import covered_scan
 
 
 def covered_placement(session: Session, actor: Actor, *, placement_id: str) -> Placement:
@@ -39,22 +39,6 @@ def show_placement(session: Session, actor: Actor, *, placement_id: str) -> tupl
     """
     row = covered_placement(session, actor, placement_id=placement_id)
     return row, table.job_of(session, row)
-
-
-def covered_scan(session: Session, actor: Actor, *, scan_id: str) -> Scan:
-    """Return a scan of a map that the key covers.
-
-    Raises
-    ------
-    ScanNotFound
-        If there is no such scan, or the key does not cover its map.
-    """
-    missing = ScanNotFound(f"There is no scan {scan_id}, or this key does not cover its map.")
-    found = find_scan_row(session, scan_id)
-    if found is None:
-        raise missing
-    actor.require_map(found[0].map_id, otherwise=missing)
-    return found[0]
 
 
 def list_placements(

@@ -52,6 +52,7 @@ def test_a_failed_job_carries_its_problem(admin: httpx.Client, by_hand: ByHand) 
     shown = ok(admin.get(f"/v1/jobs/{job_id}"))
     assert shown["state"] == "failed"
     problem = shown["problem"]
+    assert "status" not in problem
     assert problem["type"] == str(admin.base_url).rstrip("/") + "/problems/file-truncated"
     assert (problem["title"], problem["detail"], problem["at"]) == (
         "The file is cut short",

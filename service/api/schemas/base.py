@@ -47,6 +47,10 @@ class Page(Output, Generic[T]):
     )
 
 
+def _absent(value: object) -> bool:
+    return value is None
+
+
 class Place(BaseModel):
     """Where a request is wrong: one of `pointer` (into the JSON body), `parameter` and `header`."""
 
@@ -67,8 +71,10 @@ class Problem(BaseModel):
     )
     title: str
     detail: str
-    status: int | None = Field(None, description="HTTP status; absent where a job carries the problem.")
-    errors: list[Place] | None = None
+    status: int | None = Field(
+        None, exclude_if=_absent, description="HTTP status; absent where a job carries the problem."
+    )
+    errors: list[Place] | None = Field(None, exclude_if=_absent)
 
 
 JsonObject = dict[str, Any]
