@@ -13,3 +13,6 @@ class Bounds:
     max_points: int = 50_000_000
     max_walls: int = 200_000
     max_map_points: int = 50_000_000
+    max_strokes: int = 2_000_000
+    max_texts: int = 100_000
+    max_page_bytes: int = 128 << 20

@@ -370,6 +370,33 @@ class PageNotFound(Rejected):
     title = "No such page"
 
 
+class PageNeeded(Rejected):
+    """The document has several pages, and none was chosen.
+
+    `pages` lists them with their sizes: ask again with the page that shows the floor plan, counted from 1.
+    """
+
+    title = "A page has to be chosen"
+
+
+class FileEncrypted(Rejected):
+    """The document opens only with a password, which is never asked for here.
+
+    Save it without a password (print it to a new PDF) and upload that.
+    """
+
+    title = "The document is encrypted"
+
+
+class DrawingTooComplex(Rejected):
+    """The drawing holds more strokes, texts or nested parts than are read.
+
+    Export the one floor that is needed, or print the sheet as a PNG image.
+    """
+
+    title = "The drawing is too complex"
+
+
 class NoWallsFound(Unfulfilled):
     """Nothing on the drawing was recognised as a wall."""
 
