@@ -174,5 +174,6 @@ def test_a_kill_at_each_point_leaves_one_result_and_nothing_stuck(
         refused = outcome.point.startswith(("end-job", "message-failed"))
         assert outcome.state == ("failed" if refused else "succeeded"), outcome
         assert (outcome.died == "worker") == (outcome.point in PARENTS), outcome
-        assert outcome.attempts <= 2, outcome
+        kills = 2 if outcome.point.startswith("message-ready") else 1  # the warm child before it, too
+        assert outcome.attempts <= kills + 1, outcome
     assert_whole(bench)
