@@ -15,7 +15,11 @@ _WHITE = b" \t\r\n\xef\xbb\xbf"
 _OBJ = re.compile(rb"(?:\s*(?:#[^\n]*)?\n)*\s*(?:mtllib|usemtl|o|g|v|vn|vt)[ \t]")
 _NUMBERS = re.compile(rb"\s*-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?:[ \t,;]+-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?){2,}")
 _PCD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:VERSION|FIELDS|COLUMNS)[ \t]", re.IGNORECASE)
-_DXF = re.compile(rb"\s*(?:999\r?\n[^\n]*\n\s*)*0\r?\n\s*SECTION\s")
+_DXF = re.compile(rb"\s*(?:999\r?\n[^\n]*\n\s*)*0[ \t]*\r?\n\s*SECTION\s")
+_PGM = re.compile(rb"P[25]\s+(?:#[^\n]*\n\s*)*\d")
+_ROS_MAP = re.compile(rb"^resolution[ \t]*:", re.MULTILINE)
+_ROS_IMAGE = re.compile(rb"^image[ \t]*:", re.MULTILINE)
+_LEVELS = re.compile(rb"^levels[ \t]*:", re.MULTILINE)
 
 
 class Purpose(StrEnum):
@@ -47,21 +51,38 @@ class Media:
     advice: str = ""
 
 
-_EXPORT_DRAWING = "Drawings of this kind are not read yet: export the sheet as a PNG image."
 _EXPORT_SCAN = "Scans of this kind are not read yet: export the point cloud as PLY or PCD."
-_UNPACK = "Archives are not read: unpack it and upload the drawing or the scan alone."
+_UNPACK = (
+    "Archives are not read, but for a ZIP of a ROS map (map.yaml and its image): unpack it and upload the "
+    "drawing or the scan alone."
+)
 _EXPORT_IMAGE = "Images of this kind are not read: save it as PNG."
 
 PNG = Media("a PNG image", "image/png", Purpose.DRAWING)
 JPEG = Media("a JPEG image", "image/jpeg", Purpose.DRAWING)
 TIFF = Media("a TIFF image", "image/tiff", Purpose.DRAWING)
 BMP = Media("a BMP image", "image/bmp", Purpose.DRAWING)
+WEBP = Media("a WebP image", "image/webp", Purpose.DRAWING)
+PDF = Media("a PDF document", "application/pdf", Purpose.DRAWING)
+DXF = Media("a DXF drawing", "image/vnd.dxf", Purpose.DRAWING)
+DWG = Media("a DWG drawing", "image/vnd.dwg", Purpose.DRAWING)
+SVG = Media("an SVG drawing", "image/svg+xml", Purpose.DRAWING)
+IFC = Media("an IFC or STEP model", "application/x-step", Purpose.DRAWING)
+PGM = Media("a PGM image of a robot's map", "image/x-portable-graymap", Purpose.DRAWING)
+ROS_MAP = Media("a ROS map.yaml", "application/vnd.groundplan.ros-map", Purpose.DRAWING)
+ROS_MAP_ZIP = Media("a ZIP of a ROS map", "application/vnd.groundplan.ros-map+zip", Purpose.DRAWING)
+BUILDING_YAML = Media("an Open-RMF building.yaml", "application/vnd.groundplan.building", Purpose.DRAWING)
 PLY = Media("a PLY point cloud", "application/vnd.groundplan.ply", Purpose.SCAN)
 PCD = Media("a PCD point cloud", "application/vnd.groundplan.pcd", Purpose.SCAN)
-_DXF_MEDIA = Media("a DXF drawing", "image/vnd.dxf", advice=_EXPORT_DRAWING)
 _ZIP = Media("a ZIP archive (or a USDZ, DOCX, XLSX or 3MF file)", "application/zip", advice=_UNPACK)
 _TEXT = Media("a text file", "text/plain", advice="It is neither a drawing nor a scan.")
 _UNKNOWN = Media("of no kind that is known here", "application/octet-stream", advice="")
+
+_TAKEN = {
+    Purpose.DRAWING: "PNG, JPEG, TIFF, BMP or WebP images, PDF, DXF, DWG, SVG or IFC files, a ZIP of a ROS "
+    "map.yaml with its image, or an Open-RMF building.yaml",
+    Purpose.SCAN: "PLY or PCD point clouds",
+}
 
 _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"\x89PNG\r\n\x1a\n", PNG),
@@ -73,15 +94,14 @@ _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"ply\n", PLY),
     (b"ply\r", PLY),
     (b"# .PCD", PCD),
-    (b"%PDF-", Media("a PDF document", "application/pdf", advice=_EXPORT_DRAWING)),
-    (b"AC10", Media("a DWG drawing", "image/vnd.dwg", advice=_EXPORT_DRAWING)),
-    (b"AutoCAD Binary DXF", _DXF_MEDIA),
-    (b"ISO-10303-21;", Media("an IFC or STEP model", "application/x-step", advice=_EXPORT_DRAWING)),
+    (b"%PDF-", PDF),
+    (b"AC10", DWG),
+    (b"AutoCAD Binary DXF", DXF),
+    (b"ISO-10303-21;", IFC),
     (b"glTF", Media("a GLB model", "model/gltf-binary", advice=_EXPORT_SCAN)),
     (b"LASF", Media("a LAS or LAZ point cloud", "application/vnd.las", advice=_EXPORT_SCAN)),
     (b"ASTM-E57", Media("an E57 point cloud", "model/e57", advice=_EXPORT_SCAN)),
     (b"PXR-USDC", Media("a USD model", "model/vnd.usd", advice=_EXPORT_SCAN)),
-    (b"PK\x03\x04", _ZIP),
     (b"PK\x05\x06", _ZIP),
     (b"7z\xbc\xaf\x27\x1c", Media("a 7z archive", "application/x-7z-compressed", advice=_UNPACK)),
     (b"Rar!\x1a\x07", Media("a RAR archive", "application/vnd.rar", advice=_UNPACK)),
@@ -89,11 +109,9 @@ _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"GIF8", Media("a GIF image", "image/gif", advice=_EXPORT_IMAGE)),
     (b"8BPS", Media("a Photoshop image", "image/vnd.adobe.photoshop", advice=_EXPORT_IMAGE)),
 )
-_SVG = Media("an SVG drawing", "image/svg+xml", advice=_EXPORT_DRAWING)
 _HTML = Media("a web page", "text/html", advice="The download may have saved an error page instead.")
 _OBJ_MEDIA = Media("an OBJ model", "model/obj", advice=_EXPORT_SCAN)
 _XYZ = Media("a list of numbers (XYZ, PTS or CSV)", "text/plain", advice=_EXPORT_SCAN)
-_WEBP = Media("a WebP image", "image/webp", advice=_EXPORT_IMAGE)
 _HEIC = Media("a HEIC, AVIF or MP4 file", "image/heic", advice=_EXPORT_IMAGE)
 
 
@@ -115,13 +133,22 @@ def recognise(head: bytes) -> Media:
     for magic, media in _MAGIC:
         if head.startswith(magic):
             return media
+    contained = _recognise_container(head)
+    if contained is not None:
+        return contained
+    return _recognise_text(head) if _is_text(head) else _UNKNOWN
+
+
+def _recognise_container(head: bytes) -> Media | None:
+    if head.startswith(b"PK\x03\x04"):
+        return _recognise_zip(head)
     if head[:2] == b"BM" and head[6:10] == bytes(4):
         return BMP
     if head[:4] == b"RIFF" and head[8:12] == b"WEBP":
-        return _WEBP
+        return WEBP
     if head[4:8] == b"ftyp":
         return _HEIC
-    return _recognise_text(head) if _is_text(head) else _UNKNOWN
+    return PGM if _PGM.match(head[:4096]) else None
 
 
 def accept(head: bytes, purpose: Purpose) -> Media:
@@ -139,7 +166,7 @@ def accept(head: bytes, purpose: Purpose) -> Media:
     media = recognise(head)
     if media.fits is purpose:
         return media
-    taken = "PNG, JPEG, TIFF or BMP images" if purpose is Purpose.DRAWING else "PLY or PCD point clouds"
+    taken = _TAKEN[purpose]
     advice = media.advice or f"A {purpose} is taken as one of: {taken}."
     if media.fits is not None:
         advice = f"Upload it as a {media.fits}, or take another file: {purpose}s are {taken}."
@@ -160,13 +187,41 @@ def _is_text(head: bytes) -> bool:
 def _recognise_text(head: bytes) -> Media:
     start = head.lstrip(_WHITE)
     lower = start[:1024].lower()
-    if b"<svg" in lower:
-        return _SVG
     if lower.startswith((b"<!doctype html", b"<html")):
         return _HTML
-    if b"%pdf-" in lower:
-        return Media("a PDF document behind other bytes", "application/pdf", advice=_EXPORT_DRAWING)
-    for pattern, media in ((_PCD, PCD), (_DXF, _DXF_MEDIA), (_OBJ, _OBJ_MEDIA), (_NUMBERS, _XYZ)):
+    for is_it, media in (
+        (start.startswith(b"<") and b"<svg" in start.lower(), SVG),
+        (b"%pdf-" in lower, PDF),
+        (start.startswith(b"ISO-10303-21;"), IFC),
+    ):
+        if is_it:
+            return media
+    for pattern, media in ((_PCD, PCD), (_DXF, DXF), (_OBJ, _OBJ_MEDIA), (_NUMBERS, _XYZ)):
         if pattern.match(start[:4096]):
             return media
-    return _TEXT
+    return _recognise_yaml(start)
+
+
+def _recognise_yaml(start: bytes) -> Media:
+    if _ROS_IMAGE.search(start) and _ROS_MAP.search(start):
+        return ROS_MAP
+    return BUILDING_YAML if _LEVELS.search(start) else _TEXT
+
+
+def _recognise_zip(head: bytes) -> Media:
+    """Return what a ZIP holds by the names in its first local headers (APPNOTE 4.3.7)."""
+    names = [name.lower() for name in _names_in(head) if not name.endswith(b"/")]
+    if any(name.endswith((b".yaml", b".yml", b".pgm")) for name in names):
+        return ROS_MAP_ZIP
+    return ROS_MAP_ZIP if names and names[0].endswith((b".png", b".bmp")) else _ZIP
+
+
+def _names_in(head: bytes) -> list[bytes]:
+    """Return the names of the entries whose headers lie in the first bytes, whatever lies between them."""
+    names: list[bytes] = []
+    at = head.find(b"PK\x03\x04")
+    while at >= 0 and len(names) < 64:
+        length = int.from_bytes(head[at + 26 : at + 28], "little")
+        names.append(head[at + 30 : at + 30 + length])
+        at = head.find(b"PK\x03\x04", at + 4)
+    return names

@@ -12,7 +12,7 @@ from service.db.models import Drawing, Job
 from service.db.uploads import DrawingRow
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
-from service.domain.errors import ArtifactNotFound, DrawingNotFound
+from service.domain.errors import ArtifactNotFound, DrawingNotFound, InvalidRequest
 from service.domain.lifecycle import JobKind, JobState, Role
 from service.usecases.download import StoredFile, stored_file
 from service.usecases.kernel import Kernel
@@ -108,7 +108,11 @@ def reread_drawing(
     actor.require_role(Role.TABLET, Role.ADMIN)
     drawing, blob, _ = covered_drawing(session, actor, drawing_id=drawing_id)
     earlier = _lock(session, drawing)
-    options = change(DrawingOptions.from_json(drawing.options))
+    before = DrawingOptions.from_json(drawing.options)
+    options = change(before)
+    if options.replaces != before.replaces:
+        detail = "Which drawing this one replaces is said when it is uploaded, and stays."
+        raise InvalidRequest(detail, errors=[{"pointer": "#/replaces", "detail": detail}])
     now = kernel.now()
     if not JobState(earlier.state).is_final:
         request_cancel(session, earlier.id, now=now)

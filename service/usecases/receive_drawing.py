@@ -8,8 +8,10 @@ from sqlalchemy.orm import Session
 
 from service.db.jobs import enqueue
 from service.db.models import Drawing, Job
+from service.db.uploads import find_drawing
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
+from service.domain.errors import InvalidRequest
 from service.domain.lifecycle import JobKind
 from service.usecases.kernel import Kernel
 from service.usecases.receive_file import ReceivedFile, record_file, require_receiver
@@ -39,7 +41,8 @@ def receive_drawing(
     file : ReceivedFile
         Its bytes are in the blob store already: bytes first, rows second.
     options : DrawingOptions
-        What the sender said of the drawing.
+        What the sender said of the drawing. Where it replaces another, what was said of that one and is not
+        said anew is taken over, corrections included.
 
     Raises
     ------
@@ -47,8 +50,11 @@ def receive_drawing(
         If the actor is neither a tablet nor an admin.
     MapNotFound
         If there is no such map, or the actor's key does not cover it.
+    InvalidRequest
+        If the drawing that this one replaces is none of the map's.
     """
     require_receiver(session, actor, map_id)
+    options = _completed(session, map_id, options)
     now = kernel.now()
     record_file(kernel, session, file)
     drawing_id = kernel.new_id("drw")
@@ -73,3 +79,14 @@ def receive_drawing(
     session.add(drawing)
     session.flush()
     return ReceivedDrawing(drawing, job)
+
+
+def _completed(session: Session, map_id: str, options: DrawingOptions) -> DrawingOptions:
+    """Return the options, completed by those of the drawing of which this is a new issue."""
+    if options.replaces is None:
+        return options
+    earlier = find_drawing(session, options.replaces)
+    if earlier is None or earlier.map_id != map_id:
+        detail = f"The map has no drawing {options.replaces} that could be replaced."
+        raise InvalidRequest(detail, errors=[{"pointer": "#/replaces", "detail": detail}])
+    return options.completed_by(DrawingOptions.from_json(earlier.options))

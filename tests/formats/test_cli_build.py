@@ -71,7 +71,7 @@ def test_json_goes_to_stdout_alone(sheet: Path, tmp_path: Path, capsys: pytest.C
 def test_read_without_a_scale_says_so_in_pixels(sheet: Path, tmp_path: Path) -> None:
     assert main(["read", str(sheet), "-o", str(tmp_path / "out")]) == 0
     summary = json.loads((tmp_path / "out" / "reading.json").read_text())
-    assert (summary["scale"], summary["unit"]) == ({"state": "unknown"}, "px")
+    assert (summary["scale"]["state"], summary["unit"]) == ("unknown", "px")
 
 
 @pytest.mark.parametrize(

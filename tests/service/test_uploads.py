@@ -136,9 +136,10 @@ def test_the_file_s_bytes_decide_and_the_advice_fits(
 ) -> None:
     text = problem(send_drawing(tablet, map_id, b"hello, this is text\n"), 415, "unsupported-media")
     assert "text file" in text["detail"]
-    pdf = problem(send_drawing(tablet, map_id, b"%PDF-1.7\n..."), 415, "unsupported-media")
-    assert "PDF" in pdf["detail"]
-    assert "export the sheet as a PNG image" in pdf["detail"]
+    gif = problem(send_drawing(tablet, map_id, b"GIF89a..."), 415, "unsupported-media")
+    assert "GIF" in gif["detail"]
+    assert "save it as PNG" in gif["detail"]
+    assert send_drawing(tablet, map_id, b"%PDF-1.7\n...").json()["drawing"]["media_type"] == "application/pdf"
     swapped = problem(send_drawing(tablet, map_id, PLY), 415, "unsupported-media")
     assert "Upload it as a scan" in swapped["detail"]
     problem(send_drawing(tablet, map_id, b""), 422, "file-empty")

@@ -9,6 +9,7 @@ import math
 import shutil
 import sys
 import tempfile
+from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -20,16 +21,31 @@ from service.domain.scale import KnownLength, ScaleHint
 if TYPE_CHECKING:
     from worker.geometry.drawing.reading import Reading
 
+_KINDS = "PNG, JPEG, TIFF, BMP, WebP, PDF, DXF, DWG, SVG, IFC, ROS map.yaml or Open-RMF building.yaml"
+_MOST_EDITS_BYTES = 16 << 20
+
 
 def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``read`` or ``build``."""
-    parser.add_argument("drawing", type=Path, metavar="DRAWING", help="PNG, JPEG, TIFF or BMP")
-    scale = parser.add_argument_group("scale (one of these)")
+    parser.add_argument("drawing", type=Path, metavar="DRAWING", help=_KINDS)
+    scale = parser.add_argument_group("scale (one of these; else what the drawing itself shows)")
     scale.add_argument("--scale", metavar="1:N", help="scale of the sheet; needs --dpi")
     scale.add_argument("--dpi", type=float, help="pixels an inch of the sheet; else what the file states")
-    scale.add_argument("--metres-per-unit", type=float, metavar="X", help="metres per pixel")
-    scale.add_argument("--known-length", metavar="x1,y1,x2,y2,L", help="two pixels (y down) and metres")
-    parser.add_argument("--page", type=int, default=1, help="page of a TIFF of several")
+    scale.add_argument("--metres-per-unit", type=float, metavar="X", help="metres per pixel or drawing unit")
+    scale.add_argument(
+        "--known-length",
+        action="append",
+        metavar="x1,y1,x2,y2,L",
+        help="two pixels (y down) or points in drawing units, and metres; may be repeated",
+    )
+    part = parser.add_argument_group("what is read")
+    part.add_argument("--page", type=int, metavar="N", help="page of a PDF or TIFF, counted from 1")
+    part.add_argument("--storey", metavar="NAME", help="storey of a building model")
+    part.add_argument("--cut-height", type=float, metavar="M", help="where a storey is cut, above its floor")
+    part.add_argument(
+        "--wall-layer", action="append", metavar="NAME", help="layer that holds walls; may be repeated"
+    )
+    part.add_argument("--edits", type=Path, metavar="FILE", help="corrections: a JSON list, or a reading's")
     parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR", help="made or refreshed")
     parser.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
     if name == "build":
@@ -46,22 +62,22 @@ def run(name: str, args: argparse.Namespace) -> int:
     Everything is written beside the output folder first and moved into it when it is complete.
     """
     recipe = _recipe(args) if name == "build" else None
-    hint = _scale(args)
     if not args.drawing.is_file():
         raise NotFound(f"There is no file {args.drawing}.")
+    options = _options(args)
     args.output.parent.mkdir(parents=True, exist_ok=True)
     if args.output.exists() and not args.output.is_dir():
         raise InvalidRequest(f"{args.output} is a file; -o takes a folder.")
     work = Path(tempfile.mkdtemp(prefix=f".{args.output.name}.", dir=args.output.parent))
     try:
-        reading, result = _read(args, hint, work)
+        reading, result = _read(args, options, work)
         if recipe is not None:
             if reading.unit != "m":
                 raise ScaleUnknown(
                     "A map needs the drawing's scale, and no two witnesses of it agree: give --known-length, "
                     "--metres-per-unit, or --scale with --dpi."
                 )
-            result = _build(args, reading, recipe, work)
+            result = _build(args, options, reading, recipe, work)
         _publish(work, args.output)
     finally:
         shutil.rmtree(work, ignore_errors=True)
@@ -69,11 +85,10 @@ def run(name: str, args: argparse.Namespace) -> int:
     return 0
 
 
-def _read(args: argparse.Namespace, hint: ScaleHint | None, work: Path) -> tuple[Reading, dict[str, Any]]:
+def _read(args: argparse.Namespace, options: DrawingOptions, work: Path) -> tuple[Reading, dict[str, Any]]:
     from worker.formats.drawing import read_drawing_file  # noqa: PLC0415 - heavy: --help answers at once
     from worker.formats.reading import write_reading  # noqa: PLC0415
 
-    options = DrawingOptions(scale=hint, page=args.page)
     reading = read_drawing_file(args.drawing, options=options, progress=_progress)
     if args.command == "read":
         write_reading(reading, work)
@@ -81,13 +96,15 @@ def _read(args: argparse.Namespace, hint: ScaleHint | None, work: Path) -> tuple
     return reading, {}
 
 
-def _build(args: argparse.Namespace, reading: Reading, recipe: Recipe, work: Path) -> dict[str, Any]:
+def _build(
+    args: argparse.Namespace, options: DrawingOptions, reading: Reading, recipe: Recipe, work: Path
+) -> dict[str, Any]:
     from worker.formats.artifacts import write_artifacts  # noqa: PLC0415 - as above
 
     with args.drawing.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     inputs = {
-        "drawing": {"sha256": digest, "name": args.drawing.name, "page": args.page},
+        "drawing": {"sha256": digest, "name": args.drawing.name, "options": options.to_json()},
         "scale": reading.scale.to_json(),
     }
     write_artifacts(
@@ -127,20 +144,49 @@ def _progress(stage: str, share: float) -> None:
     print(f"\r{share:4.0%} {stage:<24}", end="", file=sys.stderr, flush=True)
 
 
+def _options(args: argparse.Namespace) -> DrawingOptions:
+    """Return what the arguments say of the drawing, checked as an upload's fields are."""
+    said: dict[str, Any] = {
+        "page": args.page,
+        "storey": args.storey,
+        "cut_height_m": args.cut_height,
+        "wall_layers": args.wall_layer,
+        "edits": None if args.edits is None else _edits(args.edits),
+    }
+    hint = _scale(args)
+    return replace(DrawingOptions().changed(said), scale=hint)
+
+
+def _edits(path: Path) -> object:
+    """Return the list of edits in a JSON file: the list alone, or an object that holds it as ``edits``."""
+    if not path.is_file():
+        raise NotFound(f"There is no file {path}.")
+    if path.stat().st_size > _MOST_EDITS_BYTES:
+        raise InvalidRequest(f"{path} is larger than {_MOST_EDITS_BYTES >> 20} MiB; edits are fewer.")
+    try:
+        value = json.loads(path.read_text(encoding="utf-8"))
+    except (ValueError, RecursionError) as error:
+        raise InvalidRequest(f"{path} is no JSON: {error}.") from error
+    return value.get("edits") if isinstance(value, dict) else value
+
+
 def _scale(args: argparse.Namespace) -> ScaleHint | None:
-    ratio, dpi, known = None, args.dpi, None
+    ratio, dpi = None, args.dpi
     if args.scale is not None:
         ratio = _ratio(args.scale)
         if dpi is None:
             from worker.formats.raster import load_dpi  # noqa: PLC0415
 
-            dpi = load_dpi(args.drawing) if args.drawing.is_file() else None
-    if args.known_length is not None:
-        known = KnownLength(*_numbers(args.known_length, 5, "--known-length"))
-    if ratio is None and known is None and args.metres_per_unit is None:
+            dpi = load_dpi(args.drawing)
+    lengths = tuple(KnownLength(*_numbers(k, 5, "--known-length")) for k in args.known_length or ())
+    if ratio is None and not lengths and args.metres_per_unit is None:
         return None
     hint = ScaleHint(
-        metres_per_unit=args.metres_per_unit, ratio=ratio, dpi=dpi if ratio else None, known_length=known
+        metres_per_unit=args.metres_per_unit,
+        ratio=ratio,
+        dpi=dpi if ratio else None,
+        known_length=lengths[0] if len(lengths) == 1 else None,
+        known_lengths=lengths if len(lengths) > 1 else (),
     )
     hint.metres_per_px()
     return hint

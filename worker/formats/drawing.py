@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
-from worker.formats.raster import load_raster
+from service.domain.errors import UnsupportedMedia
+from service.domain.media import BMP, HEAD_BYTES, JPEG, PNG, TIFF, Media, Purpose, accept
+from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
 from worker.geometry.drawing.scale import Scale, given
+from worker.geometry.drawing.sheet import Sheet
 
 Progress = Callable[[str, float], None]
 
@@ -45,6 +49,63 @@ def read_drawing_file(
     """
     tell = progress or (lambda _stage, _share: None)
     tell("load", 0.0)
-    grey = load_raster(path, bounds=bounds, page=options.page)
-    scale = Scale("unknown", None) if options.scale is None else given(options.scale.metres_per_px())
-    return read_raster(grey, scale=scale, progress=tell)
+    file = _File(path, options, bounds or Bounds(), tell)
+    return _read(_load(file), file)
+
+
+@dataclass(frozen=True)
+class _File:
+    """Hold a file that is being read, and how."""
+
+    path: Path
+    options: DrawingOptions
+    bounds: Bounds
+    tell: Progress
+
+
+def _load(file: _File) -> Sheet | Linework | Reading:
+    """Return what the file holds, by the loader of its kind."""
+    with file.path.open("rb") as opened:
+        media = accept(opened.read(HEAD_BYTES), Purpose.DRAWING)
+    if media not in _LOADERS:
+        raise UnsupportedMedia(
+            f"{file.path.name} is {media.name}, which is not read here: export the sheet as a PNG image.",
+            found=media.media_type,
+        )
+    return _LOADERS[media](file)
+
+
+def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
+    """Return the reading of pixels or linework; a building model tells its walls itself."""
+    if isinstance(loaded, Sheet):
+        return _read_sheet(loaded, file)
+    if isinstance(loaded, Linework):
+        return _read_linework(loaded, file)
+    return loaded
+
+
+def _read_sheet(sheet: Sheet, file: _File) -> Reading:
+    hint = file.options.scale
+    scale = Scale("unknown", None) if hint is None else given(hint.metres_per_px())
+    return read_raster(sheet.grey, scale=scale, progress=file.tell)
+
+
+def _read_linework(_linework: Linework, file: _File) -> Reading:
+    raise UnsupportedMedia(f"{file.path.name} is a vector drawing: export the sheet as a PNG image.")
+
+
+# One function a kind; what a kind needs is imported when a file of it comes.
+
+
+def _raster(file: _File) -> Sheet:
+    from worker.formats.raster import load_raster  # noqa: PLC0415
+
+    return Sheet(load_raster(file.path, bounds=file.bounds, page=file.options.page or 1))
+
+
+_LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
+    PNG: _raster,
+    JPEG: _raster,
+    TIFF: _raster,
+    BMP: _raster,
+}

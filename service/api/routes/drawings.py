@@ -14,7 +14,8 @@ from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapI
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
-from service.api.schemas.drawings import FORM, DrawingAccepted, DrawingOut, DrawingPatch
+from service.api.schemas.drawing_form import FORM
+from service.api.schemas.drawings import DrawingAccepted, DrawingOut, DrawingPatch
 from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.domain.drawing_options import DrawingOptions
 from service.domain.media import Purpose
@@ -47,8 +48,10 @@ async def upload_drawing(
     """Upload a design drawing of a map; a job reads its walls.
 
     The scale is said in one way: `scale` (JSON), `metres_per_unit`, `ratio` with `dpi`, or `known_length`; it
-    may also be said later by `PATCH /v1/drawings/{drawing_id}`. What the file's own first bytes show to be
-    wrong is refused at once; the rest the job finds out, and carries the same kind of problem document.
+    may also be said later by `PATCH /v1/drawings/{drawing_id}`. A new issue of a drawing says which one it
+    `replaces`: scale, page, layers and corrections of that one are taken over, and a finding of the reading
+    names each correction that no longer fits. What the file's own first bytes show to be wrong is refused at
+    once; the rest the job finds out, and carries the same kind of problem document.
     """
 
     def receive(form: ReceivedForm) -> Answered:
@@ -97,7 +100,7 @@ def get_drawing(kernel: KernelDep, actor: AnyActor, base_url: BaseUrl, drawing_i
 def change_drawing(
     kernel: KernelDep, actor: TabletActor, base_url: BaseUrl, drawing_id: DrawingId, body: DrawingPatch
 ) -> DrawingAccepted:
-    """Say another scale or page, and have the drawing read again.
+    """Say another scale, page, storey or choice of layers, or correct the reading, and have it read again.
 
     The earlier reading stays until the new one is done; a job that still reads it is cancelled.
     """

@@ -7,69 +7,44 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.api.schemas.base import Input, JsonObject, Number, Output
+from service.api.schemas.base import Input, JsonObject, Number, Output, Text
+from service.api.schemas.edits import EditIn
 from service.api.schemas.jobs import JobOut
 from service.db.uploads import DrawingRow
-
-FORM: JsonObject = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "required": ["file"],
-                    "properties": {
-                        "file": {
-                            "type": "string",
-                            "format": "binary",
-                            "description": "PNG, JPEG, TIFF or BMP; its own bytes decide, not its name.",
-                        },
-                        "scale": {
-                            "type": "string",
-                            "contentMediaType": "application/json",
-                            "description": 'The scale as JSON: {"metres_per_unit"}, or {"ratio", "dpi"}, or '
-                            '{"known_length": {"x1", "y1", "x2", "y2", "length_m"}}.',
-                        },
-                        "metres_per_unit": {"type": "number", "description": "Or: metres a pixel."},
-                        "ratio": {"type": "string", "description": "Or: 100 or 1:100, with dpi."},
-                        "dpi": {"type": "number", "description": "Pixels an inch of the sheet."},
-                        "known_length": {
-                            "type": "string",
-                            "description": "Or: x1,y1,x2,y2,L; two points [px, y down] and metres between.",
-                        },
-                        "page": {"type": "integer", "minimum": 1, "default": 1},
-                    },
-                },
-                "encoding": {"file": {"contentType": "image/png, image/jpeg, image/tiff, image/bmp"}},
-            }
-        },
-    }
-}
-"""The form of a drawing's upload, for OpenAPI; `service.api.streams` reads it."""
+from service.domain.drawing_options import MAX_KNOWN_LENGTHS, MAX_WALL_LAYERS
+from service.domain.edits import MAX_EDITS
 
 
 class KnownLengthIn(Input):
     """Two points of the drawing and their real distance."""
 
     x1: Number
-    y1: Number = Field(description="Pixels, y down.")
+    y1: Number = Field(description="Pixels, y down; or drawing units, y up.")
     x2: Number
     y2: Number
     length_m: Number = Field(gt=0)
 
 
 class ScaleIn(Input):
-    """The scale, in exactly one way: metres a pixel, a ratio with its dpi, or a known length."""
+    """The scale, in exactly one way: metres a pixel or unit, a ratio with its dpi, or known lengths."""
 
-    metres_per_unit: Number | None = Field(None, gt=0, description="Metres a pixel.")
+    metres_per_unit: Number | None = Field(None, gt=0, description="Metres a pixel or drawing unit.")
     ratio: Number | None = Field(None, gt=0, description="100 for a sheet at 1:100; needs dpi.")
     dpi: Number | None = Field(None, gt=0)
     known_length: KnownLengthIn | None = None
+    known_lengths: list[KnownLengthIn] | None = Field(
+        None,
+        min_length=1,
+        max_length=MAX_KNOWN_LENGTHS,
+        description="Several: the scale is their least-squares fit.",
+    )
 
 
 class DrawingPatch(BaseModel):
-    """What changes of what is said of a drawing; a field left out stays."""
+    """What changes of what is said of a drawing; a field left out stays, null takes it back.
+
+    Coordinates are the file's own: pixels with y down, or the units of a vector drawing with y up.
+    """
 
     model_config = ConfigDict(
         extra="allow", allow_inf_nan=False, json_schema_extra={"additionalProperties": False}
@@ -77,10 +52,25 @@ class DrawingPatch(BaseModel):
 
     scale: ScaleIn | None = None
     page: int | None = Field(None, ge=1, le=100_000, strict=True)
+    storey: Text | None = Field(None, description="Storey of a building model, by its name.")
+    cut_height_m: Number | None = Field(None, gt=0, le=100.0)
+    wall_layers: list[Text] | None = Field(
+        None, max_length=MAX_WALL_LAYERS, description="The layers of a vector file that hold its walls."
+    )
+    edits: list[EditIn] | None = Field(
+        None, max_length=MAX_EDITS, description="The whole list of corrections; it replaces the earlier one."
+    )
 
     def said(self) -> dict[str, Any]:
         """Return the fields that were sent, those that no drawing knows included."""
-        return self.model_dump(exclude_unset=True, exclude_none=True)
+        return {name: _without_null(value) for name, value in self.model_dump(exclude_unset=True).items()}
+
+
+def _without_null(value: Any) -> Any:
+    """Return a JSON value without the fields of its objects that are null."""
+    if isinstance(value, dict):
+        return {name: _without_null(one) for name, one in value.items() if one is not None}
+    return [_without_null(one) for one in value] if isinstance(value, list) else value
 
 
 class DrawingFiles(Output):
@@ -100,7 +90,10 @@ class DrawingOut(Output):
     sha256: str
     size_bytes: int
     media_type: str
-    options: JsonObject = Field(description="What was said of it: `scale` (if it was) and `page`.")
+    options: JsonObject = Field(
+        description="What was said of it: `scale`, `page`, `storey`, `cut_height_m`, `wall_layers`, `edits`, "
+        "`replaces`; what was not said is left out."
+    )
     reading: JsonObject | None = Field(
         description="Scale with its evidence, counts and findings; null until a job has read the drawing."
     )
