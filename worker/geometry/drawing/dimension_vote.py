@@ -1,0 +1,210 @@
+"""Dimension texts and their lines to one scale: a vote that chance cannot win."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+
+from worker.geometry.drawing.dimension_lines import Span
+from worker.geometry.drawing.dimension_texts import Measure
+from worker.geometry.drawing.scale import Witness
+
+MILLIMETRE, CENTIMETRE = 0.001, 0.01
+
+_TOLERANCE, _PIXELS = 0.004, 2.0
+_SAME_LENGTH = 0.05
+_LOG_RANGE, _BY_CHANCE = 3.0, 0.02
+_SURE, _MOST_OTHERS = 0.5, 8
+_LETTER_LOW, _LETTER_HIGH = 0.05, 0.9
+_EXTENT_LOW, _EXTENT_HIGH = 2.0, 1000.0
+
+
+@dataclass(frozen=True)
+class Dimension:
+    """Hold a text that names a length, and the stretches of lines that it may be the length of.
+
+    Parameters
+    ----------
+    text : str
+        As it was read.
+    measure : Measure
+        What it says.
+    spans : tuple of Span
+        The surest first.
+    height : float
+        Height of the letters, in the same pixels as the spans.
+    """
+
+    text: str
+    measure: Measure
+    spans: tuple[Span, ...]
+    height: float
+
+    def metres(self, unit: float) -> float:
+        """Return the length [m], a bare integer taken in `unit` [m]."""
+        return self.measure.value * (unit if self.measure.form == "integer" else 1.0)
+
+
+@dataclass(frozen=True)
+class Camp:
+    """Hold the dimensions that agree on a scale.
+
+    Parameters
+    ----------
+    metres_per_px : float
+        Least squares over the members.
+    members : tuple of (Dimension, Span)
+        Who agrees, each with the stretch that fits.
+    lengths : int
+        How many clearly different lengths are among them: equal ones repeat each other.
+    weight : float
+        Sum of the spans' qualities.
+    by_chance : float
+        How many camps of so many would come about by chance.
+    """
+
+    metres_per_px: float
+    members: tuple[tuple[Dimension, Span], ...]
+    lengths: int
+    weight: float
+    by_chance: float
+
+
+def dimension_witnesses(
+    dimensions: Sequence[Dimension], *, unit: float | None = None, extent: float | None = None
+) -> tuple[Witness, ...]:
+    """Return what the dimension texts of a sheet say of its scale [m a pixel].
+
+    The first witness is the largest group that agrees, counted by its clearly different lengths. A group
+    that chance could explain, or whose letters or building would be of an impossible size, counts once.
+    Bare integers are millimetres or centimetres; where the size of the letters does not tell which, both
+    are said, and nobody wins.
+
+    Parameters
+    ----------
+    dimensions : sequence of Dimension
+        Those without spans are left out.
+    unit : float, optional
+        What a note on the sheet says the bare integers are in [m].
+    extent : float, optional
+        The longer side of what is drawn, in the pixels of the spans.
+    """
+    heard = [d for d in dimensions if d.spans]
+    units = [unit] if unit is not None else [MILLIMETRE, CENTIMETRE]
+    camps = [(u, camp) for u in units if (camp := largest_camp(heard, unit=u)) is not None]
+    if not camps:
+        return ()
+    most = max(camp.lengths for _, camp in camps)
+    camps = [(u, camp) for u, camp in camps if camp.lengths == most]
+    sized = [(u, camp) for u, camp in camps if _plausible(camp, extent)]
+    if not any(d.measure.form == "integer" for _, camp in camps for d, _ in camp.members):
+        camps, sized = camps[:1], sized[:1]
+    out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
+    out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
+    chosen = (sized or camps)[0]
+    return (*out, *_others(heard, chosen[1], chosen[0]))
+
+
+def largest_camp(dimensions: Sequence[Dimension], *, unit: float) -> Camp | None:
+    """Return the group of dimensions that agree on one scale with the most weight, or None without any."""
+    options = [(d, s, d.metres(unit) / s.length) for d in dimensions for s in d.spans]
+    if not options:
+        return None
+    scales = np.log(np.array([value for _, _, value in options]))
+    tolerance = np.array([_TOLERANCE + _PIXELS / s.length for _, s, _ in options])
+    best: list[int] = []
+    weight = 0.0
+    for centre in range(len(options)):
+        near = np.flatnonzero(np.abs(scales - scales[centre]) <= tolerance + tolerance[centre] / 2)
+        members = _one_each(options, near)
+        sum_ = sum(options[i][1].quality for i in members)
+        if sum_ > weight + 1e-9:
+            best, weight = members, sum_
+    best = _refined(options, best, scales, tolerance)
+    chosen = [(options[i][0], options[i][1]) for i in best]
+    value = sum(d.metres(unit) * s.length for d, s in chosen) / sum(s.length**2 for _, s in chosen)
+    lengths = _different([s.length for _, s in chosen])
+    chance = _chance(len(dimensions), lengths, len(options) / len(dimensions), float(np.median(tolerance)))
+    return Camp(value, tuple(chosen), lengths, weight, chance)
+
+
+def _one_each(options: list[tuple[Dimension, Span, float]], near: np.ndarray) -> list[int]:
+    """Return the best option of each dimension among some."""
+    best: dict[int, int] = {}
+    for i in near:
+        key = id(options[i][0])
+        if key not in best or options[i][1].quality > options[best[key]][1].quality:
+            best[key] = int(i)
+    return list(best.values())
+
+
+def _refined(
+    options: list[tuple[Dimension, Span, float]],
+    members: list[int],
+    scales: np.ndarray,
+    tolerance: np.ndarray,
+) -> list[int]:
+    """Return the members after the middle of the group has settled, weighted by length."""
+    for _ in range(2):
+        weights = np.array([options[i][1].length * options[i][1].quality for i in members])
+        order = np.argsort(scales[members])
+        passed = np.cumsum(weights[order])
+        middle = scales[members][order][np.searchsorted(passed, passed[-1] / 2)]
+        settled = _one_each(options, np.flatnonzero(np.abs(scales - middle) <= tolerance))
+        if not settled or settled == members:
+            break
+        members = settled
+    return members
+
+
+def _different(lengths: list[float]) -> int:
+    """Return how many lengths remain when those within 5 % of each other are one."""
+    count, last = 0, -math.inf
+    for length in sorted(lengths):
+        if length > last * (1 + _SAME_LENGTH) or count == 0:
+            count, last = count + 1, length
+    return count
+
+
+def _chance(heard: int, agreeing: int, options: float, tolerance: float) -> float:
+    """Return how many groups of `agreeing` among `heard` random dimensions would agree by chance."""
+    if agreeing < 2:
+        return math.inf
+    hit = min(1.0, options * 2 * tolerance / _LOG_RANGE)
+    return math.comb(heard, agreeing) * hit ** (agreeing - 1)
+
+
+def _plausible(camp: Camp, extent: float | None) -> bool:
+    """Return whether letters and building have a possible size at a camp's scale."""
+    letter = float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
+    if not _LETTER_LOW <= letter <= _LETTER_HIGH:
+        return False
+    return extent is None or _EXTENT_LOW <= extent * camp.metres_per_px <= _EXTENT_HIGH
+
+
+def _witness(camp: Camp, *, sure: bool) -> Witness:
+    texts = ", ".join(d.text for d, _ in camp.members[:6]) + (", ..." if len(camp.members) > 6 else "")
+    lengths = [s.length for _, s in camp.members]
+    many = f"{len(camp.members)} dimensions agree" if len(camp.members) > 1 else "A dimension"
+    detail = f"{many} ({texts}) over lines of {min(lengths):.0f} to {max(lengths):.0f} pixels."
+    if not sure and len(camp.members) > 1:
+        detail += " They may agree by chance, repeat one length, or make letters of an odd size."
+    return Witness(
+        "dimension-text", camp.metres_per_px, camp.metres_per_px, detail, camp.lengths if sure else 1
+    )
+
+
+def _others(heard: Sequence[Dimension], camp: Camp, unit: float) -> list[Witness]:
+    """Return the sure dimensions that do not belong to a camp, each for itself."""
+    inside = {id(d) for d, _ in camp.members}
+    out = []
+    for d in heard:
+        if id(d) in inside or d.spans[0].quality < _SURE:
+            continue
+        value = d.metres(unit) / d.spans[0].length
+        detail = f"The text {d.text} over a line of {d.spans[0].length:.0f} pixels."
+        out.append(Witness("dimension-text", value, value, detail))
+    return out[:_MOST_OTHERS]

@@ -1,0 +1,278 @@
+"""Lines of text on a sheet: where letters stand in a row, in any direction, before anybody reads them."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import cv2
+import numpy as np
+from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
+
+_WORK_PIXELS = 20_000_000
+_LEAST_SIZE, _MOST_SIZE = 7, 150
+_LEAST_CONTRAST = 30.0
+_REACH, _SAME_SIZE, _ROW_GAP = 1.45, 2.0, 0.55
+_SLENDER, _THIN_STROKE = 3.5, 0.06
+_MOST_LETTERS, _MOST_LINES = 12_000, 1_500
+_TWO_ROWS = 1.75
+_MARGIN = 0.22
+_CROP_HEIGHT = 48
+
+
+@dataclass(frozen=True, eq=False)
+class InkMap:
+    """Hold a sheet at working resolution: its ink, and the connected parts of the ink.
+
+    Parameters
+    ----------
+    grey : ndarray of shape (H, W), uint8
+        The sheet as it came.
+    factor : int
+        Pixels of the sheet in a working pixel, along one side.
+    mask : ndarray of shape (h, w), uint8
+        1 where there is ink.
+    labels : ndarray of shape (h, w), int32
+        The connected part of each pixel, 0 for paper.
+    stats : ndarray of shape (P, 5), int32
+        Left, top, width, height, area of each part; row 0 is the paper.
+    """
+
+    grey: NDArray[np.uint8]
+    factor: int
+    mask: NDArray[np.uint8]
+    labels: NDArray[np.int32]
+    stats: NDArray[np.int32]
+
+
+@dataclass(frozen=True, eq=False)
+class TextLine:
+    """Hold one row of letters in working pixels, y down.
+
+    Parameters
+    ----------
+    x, y : float
+        Its middle.
+    width, height : float
+        Along and across the direction of reading.
+    angle : float
+        Direction of reading [rad], clockwise as seen on the sheet, in (-pi/2, pi/2].
+    parts : ndarray of int
+        The connected parts that are its letters.
+    """
+
+    x: float
+    y: float
+    width: float
+    height: float
+    angle: float
+    parts: NDArray[np.int64]
+
+    @property
+    def along(self) -> NDArray[np.float64]:
+        """Return the unit vector of the direction of reading."""
+        return np.array([math.cos(self.angle), math.sin(self.angle)])
+
+
+def map_ink(grey: NDArray[np.uint8]) -> InkMap:
+    """Return the ink of a sheet at a resolution where letters can still be read.
+
+    Ink is what is clearly darker than the paper around it. At most some 20 million pixels are looked at:
+    a larger sheet is averaged down by a whole factor.
+    """
+    factor = max(1, math.ceil(math.sqrt(grey.size / _WORK_PIXELS)))
+    work: NDArray[np.uint8] = grey
+    if factor > 1:
+        size = (grey.shape[1] // factor, grey.shape[0] // factor)
+        whole = grey[: size[1] * factor, : size[0] * factor]
+        work = np.asarray(cv2.resize(whole, size, interpolation=cv2.INTER_AREA), dtype=np.uint8)
+    contrast = np.asarray(cv2.subtract(_paper(work), work), dtype=np.uint8)
+    threshold = max(_LEAST_CONTRAST, 0.35 * _strongest(contrast))
+    mask = (contrast > threshold).astype(np.uint8)
+    _, labels, stats, _ = cv2.connectedComponentsWithStats(mask, connectivity=8, ltype=cv2.CV_32S)
+    parts = np.asarray(labels, dtype=np.int32)
+    return InkMap(grey, factor, mask, parts, np.asarray(stats, dtype=np.int32))
+
+
+def find_text_lines(ink: InkMap) -> list[TextLine]:
+    """Return the rows of letter-sized parts of the ink; at most 1,500, the most regular first.
+
+    Letters that touch a line of the drawing are not found; symbols in a row may be taken for text.
+    """
+    letters = _letter_like(ink.stats)
+    if len(letters) < 2:
+        return []
+    lines: list[TextLine] = []
+    for group in _neighbours(ink.stats, letters):
+        lines += _rows(ink, group)
+    return lines[:_MOST_LINES]
+
+
+def crop_line(ink: InkMap, line: TextLine, *, flipped: bool = False) -> NDArray[np.uint8]:
+    """Return the pixels of a line of text, upright and 48 pixels high, without ink of its surroundings."""
+    f = float(ink.factor)
+    margin = _MARGIN * line.height
+    wide, high = (line.width + 2 * margin) * f, (line.height + 2 * margin) * f
+    zoom = _CROP_HEIGHT / high
+    angle = line.angle + (math.pi if flipped else 0.0)
+    along = np.array([math.cos(angle), math.sin(angle)])
+    across = np.array([-along[1], along[0]])
+    centre = np.array([line.x, line.y]) * f + (f - 1) / 2
+    corner = centre - along * wide / 2 - across * high / 2
+    size = (max(8, round(wide * zoom)), _CROP_HEIGHT)
+    matrix = np.column_stack([along / zoom, across / zoom, corner])
+    reach = math.hypot(wide, high) / 2 + 2
+    x0, y0 = (max(0, math.floor(v - reach)) for v in centre)
+    x1, y1 = math.ceil(centre[0] + reach), math.ceil(centre[1] + reach)
+    patch = _without_others(ink, line, (x0, y0, x1, y1))
+    matrix[:, 2] -= (x0, y0)
+    shrink = max(1, int(0.7 / zoom))
+    if shrink > 1:
+        patch = np.asarray(cv2.blur(patch, (shrink, shrink)), dtype=np.uint8)
+    flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+    border = int(np.percentile(patch, 90))
+    out = cv2.warpAffine(patch, matrix, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=border)
+    return np.asarray(out, dtype=np.uint8)
+
+
+def _paper(work: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the local colour of the bare paper."""
+    step = max(1, round(max(work.shape) / 400))
+    small = cv2.resize(work[::step, ::step], None, fx=1, fy=1)
+    small = cv2.medianBlur(cv2.dilate(small, np.ones((5, 5), np.uint8)), 21 if min(small.shape) > 42 else 3)
+    paper = cv2.resize(small, (work.shape[1], work.shape[0]), interpolation=cv2.INTER_LINEAR)
+    return np.asarray(paper, dtype=np.uint8)
+
+
+def _strongest(contrast: NDArray[np.uint8]) -> float:
+    """Return the contrast that the darkest part of the ink reaches."""
+    counts = np.bincount(contrast[::3, ::3].ravel(), minlength=256)[int(_LEAST_CONTRAST) :]
+    if not counts.sum():
+        return 0.0
+    return float(np.searchsorted(np.cumsum(counts), 0.9 * counts.sum()) + _LEAST_CONTRAST)
+
+
+def _letter_like(stats: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the parts that have the size and the ink of a letter; if too many, none too small."""
+    width, height, area = stats[:, 2], stats[:, 3], stats[:, 4]
+    size = np.maximum(width, height)
+    good = (size >= _LEAST_SIZE) & (size <= _MOST_SIZE) & (area >= size) & (area < 0.9 * width * height + 8)
+    good |= (size >= _LEAST_SIZE) & (size <= _MOST_SIZE) & (size > 2.5 * np.minimum(width, height))
+    good[0] = False
+    found = np.flatnonzero(good)
+    if len(found) > _MOST_LETTERS:
+        found = found[np.argsort(-size[found], kind="stable")[:_MOST_LETTERS]]
+    return found
+
+
+def _neighbours(stats: NDArray[np.int32], letters: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Return groups of letters that stand next to each other and are of one size."""
+    box = stats[letters].astype(np.float64)
+    centre = box[:, :2] + box[:, 2:4] / 2
+    size = np.maximum(box[:, 2], box[:, 3])
+    least = np.maximum(np.minimum(box[:, 2], box[:, 3]), 1)
+    slender = (size / least > _SLENDER) | (box[:, 4] / (box[:, 2] ** 2 + box[:, 3] ** 2) < _THIN_STROKE)
+    pairs = []
+    for low in _LEAST_SIZE * 1.5 ** np.arange(9):
+        among = np.flatnonzero((size >= low) & (size < low * 1.5 * _SAME_SIZE))
+        if len(among) > 1:
+            tree = cKDTree(centre[among])
+            pairs.append(among[tree.query_pairs(_REACH * low * 1.5, output_type="ndarray")])
+    found = np.unique(np.concatenate(pairs), axis=0) if pairs else np.zeros((0, 2), dtype=np.int64)
+    i, j = found.T
+    larger, smaller = np.maximum(size[i], size[j]), np.minimum(size[i], size[j])
+    apart = np.hypot(*(centre[i] - centre[j]).T)
+    near = (apart <= _REACH * larger) & (larger <= _SAME_SIZE * smaller) & ~(slender[i] & slender[j])
+    i, j = i[near], j[near]
+    graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(letters), len(letters)))
+    count, label = connected_components(graph, directed=False)
+    order = np.argsort(label, kind="stable")
+    groups = np.split(letters[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
+    return [g for g in groups if 2 <= len(g) <= 400]
+
+
+def _rows(ink: InkMap, group: NDArray[np.int64]) -> list[TextLine]:
+    """Return a group of letters as one line of text, or as its several rows."""
+    line = _line(ink, group)
+    box = ink.stats[group].astype(np.float64)
+    letter = float(np.median(np.maximum(box[:, 2], box[:, 3])))
+    if line is not None and line.height <= _TWO_ROWS * letter:
+        return [line]
+    if len(group) < 6:
+        return []
+    centre = box[:, :2] + box[:, 2:4] / 2
+    best: list[NDArray[np.int64]] = []
+    for across in (centre[:, 1], centre[:, 0]):
+        order = np.argsort(across, kind="stable")
+        breaks = np.flatnonzero(np.diff(across[order]) > _ROW_GAP * letter) + 1
+        rows = [group[part] for part in np.split(order, breaks) if len(part) > 1]
+        if len(rows) > 1 and (not best or len(rows) < len(best)):
+            best = rows
+    found = [_line(ink, row) for row in best]
+    return [row for row in found if row is not None and row.height <= _TWO_ROWS * letter]
+
+
+def _line(ink: InkMap, group: NDArray[np.int64]) -> TextLine | None:
+    """Return the box around a row of letters, None where the letters form no row."""
+    box = ink.stats[group]
+    x0, y0 = box[:, 0].min(), box[:, 1].min()
+    x1, y1 = (box[:, 0] + box[:, 2]).max(), (box[:, 1] + box[:, 3]).max()
+    if (x1 - x0) * (y1 - y0) > 4_000_000:
+        return None
+    inside = np.isin(ink.labels[y0:y1, x0:x1], group)
+    rows, columns = np.nonzero(inside)
+    points = np.column_stack([columns, rows]).astype(np.float32)
+    (cx, cy), (w, h), degrees = cv2.minAreaRect(points)
+    angle = math.radians(degrees)
+    ends = box[:, :2] + box[:, 2:4] / 2
+    if len(group) == 2:
+        d = ends[1] - ends[0]
+        angle = _nearest_quarter(angle, math.atan2(d[1], d[0]))
+        w, h = _extent(points, angle)
+    elif w < h:
+        w, h, angle = h, w, angle + math.pi / 2
+    if abs(math.sin(2 * angle)) < 0.12 and len(group) > 2:
+        angle = math.pi / 2 * round(angle / (math.pi / 2))
+        middle = (points.min(axis=0) + points.max(axis=0)) / 2
+        cx, cy = float(middle[0]), float(middle[1])
+        w, h = _extent(points, angle)
+    angle = -((-angle + math.pi / 2) % math.pi - math.pi / 2)
+    if angle > math.radians(84):  # near the vertical one reads upwards
+        angle -= math.pi
+    return TextLine(float(cx + x0), float(cy + y0), float(w) + 1, float(h) + 1, angle, group)
+
+
+def _nearest_quarter(angle: float, wanted: float) -> float:
+    """Return the angle, turned by quarters until it is nearest to the one that is wanted."""
+    return angle + math.pi / 2 * round((wanted - angle) / (math.pi / 2))
+
+
+def _extent(points: NDArray[np.float32], angle: float) -> tuple[float, float]:
+    along = points @ np.array([math.cos(angle), math.sin(angle)])
+    across = points @ np.array([-math.sin(angle), math.cos(angle)])
+    return float(np.ptp(along)), float(np.ptp(across))
+
+
+def _without_others(ink: InkMap, line: TextLine, box: tuple[int, int, int, int]) -> NDArray[np.uint8]:
+    """Return the sheet inside a box, with ink of parts that are larger than letters painted over."""
+    x0, y0, x1, y1 = box
+    f = ink.factor
+    patch = ink.grey[y0:y1, x0:x1].copy()
+    labels = ink.labels[y0 // f : -(-y1 // f), x0 // f : -(-x1 // f)]
+    if not labels.size or not patch.size:
+        return patch
+    size = ink.stats[:, 2:4].max(axis=1)
+    others = np.unique(labels)
+    others = others[(others > 0) & (size[others] > 1.4 * line.height)]
+    others = np.setdiff1d(others, line.parts)
+    if len(others):
+        foreign = cv2.dilate(np.isin(labels, others).astype(np.uint8), np.ones((3, 3), np.uint8))
+        large = np.kron(foreign, np.ones((f, f), np.uint8))
+        dy, dx = y0 - y0 // f * f, x0 - x0 // f * f
+        large = large[dy : dy + patch.shape[0], dx : dx + patch.shape[1]]
+        seen = patch[: large.shape[0], : large.shape[1]]
+        seen[large > 0] = np.percentile(patch, 90)
+    return patch
