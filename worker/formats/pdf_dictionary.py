@@ -117,6 +117,9 @@ def _page(root: Any, index: int) -> DictionaryObject:
     for _ in range(_DEEPEST):
         resources = node.get("/Resources", resources)
         if "/Kids" not in node:
+            if "/Type" not in node:
+                msg = "the page has no readable dictionary"
+                raise ValueError(msg)
             page = DictionaryObject(node)
             if resources is not None:
                 page[NameObject("/Resources")] = resources

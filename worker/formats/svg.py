@@ -115,7 +115,7 @@ def _parsed(path: Path, viewport: _Viewport) -> Any:
     """Return svgelements' document with every transform applied, in the viewport's unit."""
     ppi = 25.4 if viewport.mm_per_unit == 1.0 else _CSS_PPI
     try:
-        return svgelements.SVG.parse(
+        drawing = svgelements.SVG.parse(
             io.BytesIO(path.read_bytes()),
             reify=True,
             ppi=ppi,
@@ -124,6 +124,9 @@ def _parsed(path: Path, viewport: _Viewport) -> Any:
         )
     except Exception as error:
         raise FileMalformed(f"{path.name} cannot be unfolded: {error}. Export it anew.") from error
+    if not isinstance(drawing, list):
+        raise FileMalformed(f"{path.name} holds no drawing of the SVG namespace; export it anew.")
+    return drawing
 
 
 def _collect(drawing: Any, draft: LineworkDraft, viewport: _Viewport, *, most_texts: int) -> tuple[Text, ...]:
@@ -169,18 +172,16 @@ def _add(shape: Any, draft: LineworkDraft, viewport: _Viewport, layer: str) -> N
     width = (shape.stroke_width or 0.0) * (viewport.mm_per_unit or math.nan)
     dashes = str((shape.values or {}).get("stroke-dasharray", "none"))
     dashed = stroke is not None and bool(re.search(r"[1-9]", dashes))
-    pens = []
-    if fill is not None:
-        both = stroke is not None and fill < 0xF8F8F8
-        pens.append(Pen(layer, width if both else math.nan, fill, dashed=dashed and both, filled=True))
-    if stroke is not None and (not pens or pens[0].is_white):
-        pens.append(Pen(layer, width, stroke, dashed=dashed))
-    if not pens:
-        return
+    line = None if stroke is None else Pen(layer, width, stroke, dashed=dashed)
+    body = None if fill is None else Pen(layer, math.nan, fill, filled=True)
     for points, closed, arcs in _subpaths(shape, viewport):
         kind = "" if not arcs else "arc" if len(arcs) == 1 else "spline"
-        for pen in pens:
-            draft.add(points, pen=pen, kind="" if pen.filled else kind, closed=closed)
+        has_body = body is not None and not body.is_white and len(points) > 2
+        if body is not None and has_body:
+            pen = body if line is None else replace(body, width=width, dashed=dashed)
+            draft.add(points, pen=pen, closed=closed)
+        elif line is not None:
+            draft.add(points, pen=line, kind=kind, closed=closed)
         if stroke is not None:
             for arc in arcs:
                 draft.add_arc(arc)
