@@ -39,9 +39,20 @@ def test_a_reading_is_four_files_and_names_every_removed_stroke(tmp_path: Path) 
     paths = write_reading(reading, tmp_path)
     assert [p.name for p in paths] == ["walls.geojson", "removed.geojson", "preview.png", "reading.json"]
     removed = json.loads(paths[1].read_text())["features"]
-    assert [f["properties"] for f in removed] == [{"layer": "text", "reason": "small"}]
+    assert [f["properties"] for f in removed] == [
+        {"id": "s100.00_100.00_200.00_200.00", "layer": "text", "reason": "small"}
+    ]
     summary = json.loads(paths[3].read_text())
-    assert summary["counts"] == {"walls": 1, "columns": 1, "wall_length_m": 7.0, "removed": {"text": 1}}
+    assert summary["counts"] == {
+        "walls": 1,
+        "columns": 1,
+        "wall_length_m": 7.0,
+        "removed": {"text": 1},
+        "removed_strokes": {"text": 1},
+    }
+    walls = [f["properties"] for f in json.loads(paths[0].read_text())["features"]]
+    assert [(w["kind"], w["layer"]) for w in walls] == [("wall", "wall"), ("column", "column")]
+    assert all(w["id"] and w["reason"] for w in walls)
     assert (summary["scale"], summary["unit"], summary["sheet"]) == (given(0.01).to_json(), "m", [5.0, 4.0])
 
 

@@ -8,6 +8,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Iterator
+from dataclasses import astuple
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ import numpy as np
 import pytest
 from pypcd4 import PointCloud
 
-from service.domain.scale import ScaleHint
+from service.domain.scale import KnownLength, ScaleHint
 from tests import files
 from tests.factories import a_drawing_png
 from tests.server import ROOT, Server, environment
@@ -58,7 +59,8 @@ def spread(walls: dict[str, Any]) -> float:
 
 @pytest.mark.usefixtures("worker")
 def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_path: Path) -> None:
-    true = ScaleHint(known_length=a_drawing_png(tmp_path / "hall.png")).metres_per_px()
+    measured = KnownLength(*astuple(a_drawing_png(tmp_path / "hall.png")))
+    true = ScaleHint(known_length=measured).metres_per_px()
     sent = admin.post(
         f"/v1/maps/{map_id}/drawings",
         files={"file": ("hall.png", (tmp_path / "hall.png").read_bytes())},

@@ -15,11 +15,17 @@ from numpy.typing import NDArray
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from worker.formats import preview
+from worker.geometry.drawing.file_frame import StrokeIds, outline, stroke_ids
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Unit, Wall
 
 _DECIMALS = 4
 _FARTHEST = 1e7
 _THICKEST = 10.0
+_REASONS = {
+    "wall": "two faces, or one filled bar, as far apart as a wall is thick",
+    "partition": "a single line that stands where walls stand",
+    "column": "a solid outline that is too short for a wall",
+}
 
 
 def write_reading(reading: Reading, directory: Path) -> list[Path]:
@@ -34,22 +40,34 @@ def write_reading(reading: Reading, directory: Path) -> list[Path]:
     """
     walls, removed = directory / "walls.geojson", directory / "removed.geojson"
     picture, summary = directory / "preview.png", directory / "reading.json"
-    write_walls(walls, reading.walls, reading.columns, frame="drawing", unit=reading.unit)
-    write_json(removed, _collection([_removed(r) for r in reading.removed], "drawing", reading.unit))
+    ids = stroke_ids(reading)
+    write_walls(walls, reading.walls, reading.columns, frame="drawing", unit=reading.unit, ids=ids)
+    strokes = [_removed(r, name) for r, name in zip(reading.removed, ids.removed, strict=True)]
+    write_json(removed, _collection(strokes, "drawing", reading.unit))
     _picture(picture, reading)
     write_json(summary, _summary(reading), indent=2)
     return [walls, removed, picture, summary]
 
 
 def write_walls(
-    path: Path, walls: Sequence[Wall], columns: Sequence[Column] = (), *, frame: str, unit: Unit = "m"
+    path: Path,
+    walls: Sequence[Wall],
+    columns: Sequence[Column] = (),
+    *,
+    frame: str,
+    unit: Unit = "m",
+    ids: StrokeIds | None = None,
 ) -> None:
     """Write walls as ``LineString`` with `thickness_m` and `faces`, columns as ``Polygon``.
 
     Coordinates are rounded to 0.1 mm. While the scale is unknown they are pixels and the thickness is
-    `thickness_px`: such a file is for looking at, and no map can be made from it.
+    `thickness_px`: such a file is for looking at, and no map can be made from it. With `ids` each feature
+    has its name, by which edits call it.
     """
     features = [_wall(w, unit) for w in walls] + [_column(c) for c in columns]
+    names = (*ids.walls, *ids.columns) if ids is not None else ()
+    for feature, name in zip(features, names, strict=ids is not None):
+        feature["properties"]["id"] = name
     write_json(path, _collection(features, frame, unit))
 
 
@@ -179,6 +197,8 @@ def _wall(wall: Wall, unit: Unit) -> dict[str, Any]:
         "geometry": {"type": "LineString", "coordinates": _rounded(wall.centre)},
         "properties": {
             "kind": wall.kind,
+            "layer": "wall",
+            "reason": wall.reason or _REASONS.get(wall.kind, ""),
             f"thickness_{unit}": round(wall.thickness, _DECIMALS),
             "faces": [_rounded(face) for face in wall.faces],
             "confidence": round(wall.confidence, 3),
@@ -189,38 +209,62 @@ def _wall(wall: Wall, unit: Unit) -> dict[str, Any]:
 def _column(column: Column) -> dict[str, Any]:
     ring = np.vstack([column.outline, column.outline[:1]])
     geometry = {"type": "Polygon", "coordinates": [_rounded(ring)]}
-    return {"type": "Feature", "geometry": geometry, "properties": {"kind": column.kind}}
+    properties = {"kind": column.kind, "layer": "column", "reason": _REASONS["column"]}
+    return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _removed(stroke: RemovedStroke) -> dict[str, Any]:
+def _removed(stroke: RemovedStroke, name: str) -> dict[str, Any]:
     geometry = {"type": "MultiLineString", "coordinates": [_rounded(line) for line in stroke.lines]}
-    properties = {"layer": stroke.layer, "reason": stroke.reason}
+    properties = {"id": name, "layer": stroke.layer, "reason": stroke.reason}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def _picture(path: Path, reading: Reading) -> None:
-    drawn = [
-        preview.Drawn(preview.REMOVED, lines=tuple(line for r in reading.removed for line in r.lines)),
-        *_drawn_walls(reading.walls, reading.columns),
+    items: list[Wall | Column | RemovedStroke] = [*reading.walls, *reading.columns, *reading.removed]
+    corners = np.array(
+        [(*line.min(axis=0), *line.max(axis=0)) for item in items for line in outline(item) if len(line)]
+    ).reshape(-1, 4)
+    low, high = np.zeros(2), np.array(reading.sheet)
+    if not reading.y_down and len(corners):
+        low, high = np.minimum(low, corners[:, :2].min(axis=0)), corners[:, 2:].max(axis=0)
+    preview.write_preview(
+        path,
+        [*_drawn_removed(reading.removed), *_drawn_walls(reading.walls, reading.columns)],
+        low=(float(low[0]), float(low[1])),
+        high=(float(high[0]), float(high[1])),
+        unit=reading.unit,
+    )
+
+
+def _drawn_removed(removed: Sequence[RemovedStroke]) -> list[preview.Drawn]:
+    lines: dict[str, list[NDArray[np.float64]]] = {}
+    for stroke in removed:
+        lines.setdefault(stroke.layer, []).extend(stroke.lines)
+    return [
+        preview.Drawn(preview.colour_of(layer), lines=tuple(lines[layer]), label=f"{layer} (set aside)")
+        for layer in sorted(lines)
     ]
-    preview.write_preview(path, drawn, low=(0.0, 0.0), high=reading.sheet, unit=reading.unit)
 
 
 def _drawn_walls(walls: Sequence[Wall], columns: Sequence[Column]) -> list[preview.Drawn]:
     solid = tuple(f for w in walls if w.kind == "wall" for f in w.faces)
+    bodies = tuple(np.vstack([w.faces[0], w.faces[1][::-1]]) for w in walls if w.kind == "wall")
     thin = tuple(w.centre for w in walls if w.kind != "wall")
     outlines = tuple(np.vstack([c.outline, c.outline[:1]]) for c in columns)
     return [
-        preview.Drawn(preview.PARTITION, lines=thin, width=2),
-        preview.Drawn(preview.COLUMN, lines=outlines, width=2),
-        preview.Drawn(preview.WALL, lines=solid, width=2),
+        preview.Drawn(preview.BODY, areas=bodies),
+        preview.Drawn(preview.PARTITION, lines=thin, width=3, label="partition" if thin else ""),
+        preview.Drawn(preview.COLUMN, lines=outlines, width=3, label="column" if outlines else ""),
+        preview.Drawn(preview.WALL, lines=solid, width=3, label="wall" if solid else ""),
     ]
 
 
 def _summary(reading: Reading) -> dict[str, Any]:
     removed: dict[str, int] = {}
+    strokes: dict[str, int] = {}
     for stroke in reading.removed:
         removed[stroke.layer] = removed.get(stroke.layer, 0) + 1
+        strokes[stroke.layer] = strokes.get(stroke.layer, 0) + len(stroke.lines)
     return {
         "frame": "drawing",
         "unit": reading.unit,
@@ -235,6 +279,7 @@ def _summary(reading: Reading) -> dict[str, Any]:
             "columns": len(reading.columns),
             f"wall_length_{reading.unit}": round(sum(w.length for w in reading.walls), 2),
             "removed": removed,
+            "removed_strokes": strokes,
             **reading.counts,
         },
         "findings": [f.to_json() for f in reading.findings],

@@ -30,6 +30,8 @@ class Wall:
         ``wall``, or ``partition`` where the drawing shows it as a single line.
     confidence : float
         How sure the reading is that this is a wall, 0 to 1.
+    reason : str
+        What makes it a wall, as a sentence; empty where the kind says it all.
     """
 
     centre: NDArray[np.float64]
@@ -37,6 +39,7 @@ class Wall:
     faces: tuple[NDArray[np.float64], NDArray[np.float64]]
     kind: str = "wall"
     confidence: float = 1.0
+    reason: str = ""
 
     @classmethod
     def of(cls, centre: NDArray[np.float64], *, thickness: float, kind: str = "wall") -> Wall:
@@ -68,7 +71,7 @@ class RemovedStroke:
     lines : tuple of ndarrays of shape (K, 2), float64
         The strokes themselves [m].
     layer : str
-        ``text``, ``symbol``, ``dashed``, ``dimension``, ``pattern``, ``thin`` or ``speck``.
+        ``text``, ``dimension``, ``hatch``, ``furniture``, ``stair``, ``frame``, ``small``, ``other`` ...
     reason : str
         The measurement that decided, as a sentence.
     """
@@ -125,6 +128,8 @@ class Reading:
         The layers of a vector file, and as what each was taken.
     confidence : float
         How sure the reading is of itself as a whole, 0 to 1.
+    y_down : bool
+        Whether the file's own coordinates run downwards from the sheet's upper left, as pixels do.
     """
 
     walls: tuple[Wall, ...]
@@ -138,6 +143,7 @@ class Reading:
     origin: tuple[float, float] = (0.0, 0.0)
     layers: tuple[SourceLayer, ...] = ()
     confidence: float = 1.0
+    y_down: bool = False
 
     @property
     def unit(self) -> Unit:
