@@ -3,18 +3,19 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import UnsupportedMedia
-from service.domain.media import BMP, HEAD_BYTES, JPEG, PNG, TIFF, Media, Purpose, accept
+from service.domain.media import BMP, HEAD_BYTES, IFC, JPEG, PNG, TIFF, Media, Purpose, accept
+from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
-from worker.geometry.drawing.scale import Scale, given
 from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.sheet_scale import find_sheet_scale
 
 Progress = Callable[[str, float], None]
 
@@ -85,9 +86,9 @@ def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
 
 
 def _read_sheet(sheet: Sheet, file: _File) -> Reading:
-    hint = file.options.scale
-    scale = Scale("unknown", None) if hint is None else given(hint.metres_per_px())
-    return read_raster(sheet.grey, scale=scale, progress=file.tell)
+    found = find_sheet_scale(sheet, recognise=load_recogniser(), hint=file.options.scale, progress=file.tell)
+    reading = read_raster(sheet.grey, scale=found.scale, progress=file.tell)
+    return replace(reading, findings=(*sheet.findings, *found.findings, *reading.findings))
 
 
 def _read_linework(_linework: Linework, file: _File) -> Reading:
@@ -103,9 +104,25 @@ def _raster(file: _File) -> Sheet:
     return Sheet(load_raster(file.path, bounds=file.bounds, page=file.options.page or 1))
 
 
+def _ifc(file: _File) -> Reading:
+    from worker.formats.ifc import load_ifc  # noqa: PLC0415
+
+    said = file.options
+    return load_ifc(
+        file.path,
+        bounds=file.bounds,
+        storey=said.storey,
+        page=said.page,
+        cut_height_m=said.cut_height_m,
+        hint=said.scale,
+        progress=file.tell,
+    )
+
+
 _LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     PNG: _raster,
     JPEG: _raster,
     TIFF: _raster,
     BMP: _raster,
+    IFC: _ifc,
 }
