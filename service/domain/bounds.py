@@ -21,4 +21,4 @@ class Bounds:
     max_model_seconds: float = 240.0
     max_yaml_bytes: int = 8 << 20
     max_yaml_nodes: int = 400_000
-    max_zip_bytes: int = 512 << 20
+    max_zip_bytes: int = 256 << 20

@@ -9,7 +9,21 @@ from pathlib import Path
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import UnsupportedMedia
-from service.domain.media import BMP, HEAD_BYTES, IFC, JPEG, PNG, TIFF, Media, Purpose, accept
+from service.domain.media import (
+    BMP,
+    BUILDING_YAML,
+    HEAD_BYTES,
+    IFC,
+    JPEG,
+    PGM,
+    PNG,
+    ROS_MAP,
+    ROS_MAP_ZIP,
+    TIFF,
+    Media,
+    Purpose,
+    accept,
+)
 from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.read import read_raster
@@ -119,10 +133,40 @@ def _ifc(file: _File) -> Reading:
     )
 
 
+def _ros_map(file: _File) -> Reading:
+    from worker.formats.ros_map import load_ros_map  # noqa: PLC0415
+
+    return load_ros_map(file.path, bounds=file.bounds, hint=file.options.scale, progress=file.tell)
+
+
+def _pgm(file: _File) -> Sheet:
+    from worker.formats.grey_map import load_pgm  # noqa: PLC0415
+
+    return load_pgm(file.path, bounds=file.bounds)
+
+
+def _building_yaml(file: _File) -> Reading:
+    from worker.formats.building_yaml import load_building_yaml  # noqa: PLC0415
+
+    said = file.options
+    return load_building_yaml(
+        file.path,
+        bounds=file.bounds,
+        page=said.page,
+        storey=said.storey,
+        hint=said.scale,
+        progress=file.tell,
+    )
+
+
 _LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     PNG: _raster,
     JPEG: _raster,
     TIFF: _raster,
     BMP: _raster,
     IFC: _ifc,
+    PGM: _pgm,
+    ROS_MAP: _ros_map,
+    ROS_MAP_ZIP: _ros_map,
+    BUILDING_YAML: _building_yaml,
 }
