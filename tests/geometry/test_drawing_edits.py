@@ -32,7 +32,7 @@ def a_reading(scale: float = 0.01) -> Reading:
     )
     letter = RemovedStroke((line((5.0, 6.0), (5.1, 6.2)),), "text", "small")
     pier = Column(line((8.0, 5.0), (8.4, 5.0), (8.4, 5.4), (8.0, 5.4)))
-    made = Reading(walls, (pier,), (bench, letter), (13.0, 10.0), given(0.01), "outlined", y_down=True)
+    made = Reading(walls, (pier,), (bench, letter), (13.0, 10.0), given(0.01), "outlined", top=10.0)
     return replace(made.scaled(scale / 0.01), scale=given(scale))
 
 
@@ -171,7 +171,7 @@ def test_without_a_scale_edits_work_on_pixels() -> None:
 
 
 def test_in_drawing_units_y_runs_up_and_the_origin_is_taken_off() -> None:
-    reading = replace(a_reading(), y_down=False, origin=(1000.0, 500.0), scale=given(0.001))
+    reading = replace(a_reading(), top=None, origin=(1000.0, 500.0), scale=given(0.001))
     frame = FileFrame.of(reading)
     assert np.allclose(frame.to_drawing([(1_004_000.0, 502_000.0)]), [[4.0, 2.0]])
     assert np.allclose(frame.to_file(np.array([[4.0, 2.0]])), [[1_004_000.0, 502_000.0]])

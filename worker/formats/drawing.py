@@ -15,16 +15,19 @@ from service.domain.media import (
     HEAD_BYTES,
     IFC,
     JPEG,
+    PDF,
     PGM,
     PNG,
     ROS_MAP,
     ROS_MAP_ZIP,
+    SVG,
     TIFF,
     Media,
     Purpose,
     accept,
 )
 from worker.formats.ocr import load_recogniser
+from worker.geometry.drawing.edits import apply_edits
 from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
@@ -64,8 +67,14 @@ def read_drawing_file(
     """
     tell = progress or (lambda _stage, _share: None)
     tell("load", 0.0)
-    file = _File(path, options, bounds or Bounds(), tell)
-    return _read(_load(file), file)
+    file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
+    reading = _read(_load(file), file)
+    return apply_edits(reading, options.edits, progress=_part(tell, 0.9, 1.0))
+
+
+def _part(tell: Progress, low: float, high: float) -> Progress:
+    """Return a progress whose 0 to 1 is `low` to `high` of another."""
+    return lambda stage, share: tell(stage, low + (high - low) * min(max(share, 0.0), 1.0))
 
 
 @dataclass(frozen=True)
@@ -100,9 +109,12 @@ def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
 
 
 def _read_sheet(sheet: Sheet, file: _File) -> Reading:
-    found = find_sheet_scale(sheet, recognise=load_recogniser(), hint=file.options.scale, progress=file.tell)
-    reading = read_raster(sheet.grey, scale=found.scale, progress=file.tell)
-    return replace(reading, findings=(*sheet.findings, *found.findings, *reading.findings))
+    found = find_sheet_scale(
+        sheet, recognise=load_recogniser(), hint=file.options.scale, progress=_part(file.tell, 0.1, 0.4)
+    )
+    reading = read_raster(sheet.grey, scale=found.scale, progress=_part(file.tell, 0.4, 1.0))
+    findings = (*sheet.findings, *found.findings, *reading.findings)
+    return replace(reading, findings=findings, top=reading.sheet[1])
 
 
 def _read_linework(_linework: Linework, file: _File) -> Reading:
@@ -116,6 +128,19 @@ def _raster(file: _File) -> Sheet:
     from worker.formats.raster import load_raster  # noqa: PLC0415
 
     return Sheet(load_raster(file.path, bounds=file.bounds, page=file.options.page or 1))
+
+
+def _pdf(file: _File) -> Sheet | Linework:
+    from worker.formats.pdf import load_pdf  # noqa: PLC0415
+
+    tell = _part(file.tell, 0.0, 0.1)
+    return load_pdf(file.path, bounds=file.bounds, page=file.options.page, tell=tell)
+
+
+def _svg(file: _File) -> Linework:
+    from worker.formats.svg import load_svg  # noqa: PLC0415
+
+    return load_svg(file.path, bounds=file.bounds)
 
 
 def _ifc(file: _File) -> Reading:
@@ -152,8 +177,8 @@ def _building_yaml(file: _File) -> Reading:
     return load_building_yaml(
         file.path,
         bounds=file.bounds,
-        page=said.page,
         storey=said.storey,
+        page=said.page,
         hint=said.scale,
         progress=file.tell,
     )
@@ -164,6 +189,8 @@ _LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     JPEG: _raster,
     TIFF: _raster,
     BMP: _raster,
+    PDF: _pdf,
+    SVG: _svg,
     IFC: _ifc,
     PGM: _pgm,
     ROS_MAP: _ros_map,

@@ -225,8 +225,8 @@ def _picture(path: Path, reading: Reading) -> None:
         [(*line.min(axis=0), *line.max(axis=0)) for item in items for line in outline(item) if len(line)]
     ).reshape(-1, 4)
     low, high = np.zeros(2), np.array(reading.sheet)
-    if not reading.y_down and len(corners):
-        low, high = np.minimum(low, corners[:, :2].min(axis=0)), corners[:, 2:].max(axis=0)
+    if len(corners):
+        low, high = np.minimum(low, corners[:, :2].min(axis=0)), np.maximum(high, corners[:, 2:].max(axis=0))
     preview.write_preview(
         path,
         [*_drawn_removed(reading.removed), *_drawn_walls(reading.walls, reading.columns)],

@@ -273,7 +273,8 @@ def _extent(reading: Reading) -> Any:
     """Return the rectangle around the sheet and all that was read."""
     items: list[Item] = [*reading.walls, *reading.columns, *reading.removed]
     lines = [line for item in items for line in outline(item)]
-    if reading.y_down or not lines:
+    if not lines:
         return shapely.box(0.0, 0.0, *reading.sheet)
     points = np.vstack([np.stack([line.min(axis=0), line.max(axis=0)]) for line in lines])
-    return shapely.box(*points.min(axis=0), *points.max(axis=0))
+    low, high = np.minimum(points.min(axis=0), 0.0), np.maximum(points.max(axis=0), reading.sheet)
+    return shapely.box(*low, *high)

@@ -28,38 +28,33 @@ class FileFrame:
         Units of the reading in one unit of the file: metres, or 1 while the scale is unknown.
     origin : tuple of float
         What is taken off, in the reading's unit.
-    height : float or None
-        Height of the sheet where y runs downwards from its top, in the reading's unit.
+    top : float or None
+        Where y = 0 of the file lies, in the reading's unit, if y runs downwards there.
     extent : float
         The longer side of the sheet, in the file's unit.
     """
 
     factor: float
     origin: tuple[float, float]
-    height: float | None
+    top: float | None
     extent: float
 
     @classmethod
     def of(cls, reading: Reading) -> FileFrame:
         """Return the frame of the file that a reading was made from."""
         factor = reading.scale.metres_per_unit or 1.0
-        height = reading.sheet[1] if reading.y_down else None
-        return cls(factor, reading.origin, height, max(*reading.sheet, 1e-9) / factor)
+        return cls(factor, reading.origin, reading.top, max(*reading.sheet, 1e-9) / factor)
 
     def to_drawing(self, points: Sequence[tuple[float, float]] | NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (N, 2) points of the file in the reading's frame."""
         xy = np.asarray(points, dtype=np.float64) * self.factor
-        if self.height is not None:
-            return np.column_stack([xy[:, 0], self.height - xy[:, 1]])
-        return np.asarray(xy - np.array(self.origin), dtype=np.float64)
+        y = xy[:, 1] - self.origin[1] if self.top is None else self.top - xy[:, 1]
+        return np.column_stack([xy[:, 0] - self.origin[0], y])
 
     def to_file(self, points: NDArray[np.float64]) -> NDArray[np.float64]:
         """Return (N, 2) points of the reading in the file's own coordinates."""
-        if self.height is not None:
-            points = np.column_stack([points[:, 0], self.height - points[:, 1]])
-        else:
-            points = points + np.array(self.origin)
-        return np.asarray(points / self.factor, dtype=np.float64)
+        y = points[:, 1] + self.origin[1] if self.top is None else self.top - points[:, 1]
+        return np.column_stack([points[:, 0] + self.origin[0], y]) / self.factor
 
     def box(self, lines: Iterable[NDArray[np.float64]]) -> Box:
         """Return the smallest box around lines of the reading, in the file's own coordinates."""

@@ -128,8 +128,9 @@ class Reading:
         The layers of a vector file, and as what each was taken.
     confidence : float
         How sure the reading is of itself as a whole, 0 to 1.
-    y_down : bool
-        Whether the file's own coordinates run downwards from the sheet's upper left, as pixels do.
+    top : float or None
+        Where y = 0 of the file's own coordinates lies, in `unit`, if they run downwards as pixels do; None
+        where they run up: then they are the reading's, plus `origin`.
     """
 
     walls: tuple[Wall, ...]
@@ -143,7 +144,7 @@ class Reading:
     origin: tuple[float, float] = (0.0, 0.0)
     layers: tuple[SourceLayer, ...] = ()
     confidence: float = 1.0
-    y_down: bool = False
+    top: float | None = None
 
     @property
     def unit(self) -> Unit:
@@ -167,6 +168,7 @@ class Reading:
             removed=tuple(replace(r, lines=tuple(x * factor for x in r.lines)) for r in self.removed),
             sheet=(self.sheet[0] * factor, self.sheet[1] * factor),
             origin=(self.origin[0] * factor, self.origin[1] * factor),
+            top=None if self.top is None else self.top * factor,
             layers=tuple(replace(x, length=x.length * factor) for x in self.layers),
         )
 
