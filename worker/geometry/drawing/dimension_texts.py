@@ -23,7 +23,9 @@ _QUOTES = str.maketrans(
 )
 _DIGITS = str.maketrans({"O": "0", "o": "0", "\u3007": "0", "I": "1", "l": "1", "|": "1"})
 _FRACTION = r"(?P<over>\d{1,2})/(?P<under>2|4|8|16|32|64)"
-_FEET = re.compile(rf"^(?P<feet>\d{{1,4}})'[- ]*(?:(?P<inch>\d{{1,2}})?[- ]*(?:{_FRACTION})?\s*(?:\"|'')?)?$")
+_FEET = re.compile(
+    rf"^(?P<feet>\d{{1,4}})'[- ]*(?:(?P<inch>\d{{1,2}})?[- ]*(?:{_FRACTION})?\s*(?:\"|''?)?)?$"
+)
 _INCHES = re.compile(rf"^(?P<inch>\d{{1,3}})?[- ]*(?:{_FRACTION})?\s*(?:\"|'')$")
 _WITH_UNIT = re.compile(r"^(?P<number>\d[\d., ]*)\s*(?P<unit>mm|cm|m)$", re.IGNORECASE)
 _INTEGER = re.compile(r"^\d{2,6}$")

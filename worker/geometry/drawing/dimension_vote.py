@@ -10,7 +10,7 @@ import numpy as np
 
 from worker.geometry.drawing.dimension_lines import Span
 from worker.geometry.drawing.dimension_texts import Measure
-from worker.geometry.drawing.scale import Witness
+from worker.geometry.drawing.scale import AGREEMENT, Witness
 
 MILLIMETRE, CENTIMETRE = 0.001, 0.01
 
@@ -20,6 +20,9 @@ _LOG_RANGE, _BY_CHANCE = 3.0, 0.02
 _SURE, _MOST_OTHERS = 0.5, 8
 _LETTER_LOW, _LETTER_HIGH = 0.05, 0.9
 _EXTENT_LOW, _EXTENT_HIGH = 2.0, 1000.0
+_USUAL_LETTER, _LETTER_SPREAD = 0.2, 0.6
+_USUAL_LENGTH, _LENGTH_SPREAD = 4.0, 1.0
+_TELLS_APART = 3.0
 
 
 @dataclass(frozen=True)
@@ -100,8 +103,7 @@ def dimension_witnesses(
     most = max(camp.lengths for _, camp in camps)
     camps = [(u, camp) for u, camp in camps if camp.lengths == most]
     sized = [(u, camp) for u, camp in camps if _plausible(camp, extent)]
-    if not any(d.measure.form == "integer" for _, camp in camps for d, _ in camp.members):
-        camps, sized = camps[:1], sized[:1]
+    camps, sized = _tell_apart(camps), _tell_apart(sized)
     out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
     out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
     chosen = (sized or camps)[0]
@@ -185,6 +187,29 @@ def _plausible(camp: Camp, extent: float | None) -> bool:
     return extent is None or _EXTENT_LOW <= extent * camp.metres_per_px <= _EXTENT_HIGH
 
 
+def _near(value: float, other: float) -> bool:
+    return abs(math.log(value / other)) <= 2 * math.log1p(AGREEMENT)
+
+
+def _tell_apart(camps: list[tuple[float, Camp]]) -> list[tuple[float, Camp]]:
+    """Return the one of two readings of bare integers that is far more usual, or both."""
+    if len(camps) < 2:
+        return camps
+    if not any(d.measure.form == "integer" for _, camp in camps for d, _ in camp.members):
+        return camps[:1]
+    ranked = sorted(camps, key=lambda c: -_usual(c[1], c[0]))
+    clear = _usual(ranked[0][1], ranked[0][0]) - _usual(ranked[1][1], ranked[1][0]) >= _TELLS_APART
+    return ranked[:1] if clear else ranked
+
+
+def _usual(camp: Camp, unit: float) -> float:
+    """Return the logarithm of how usual letters and lengths of a size are: some 20 cm and some 4 m."""
+    letter = float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
+    length = float(np.median([d.metres(unit) for d, _ in camp.members]))
+    off = math.log(letter / _USUAL_LETTER) / _LETTER_SPREAD, math.log(length / _USUAL_LENGTH) / _LENGTH_SPREAD
+    return -0.5 * (off[0] ** 2 + off[1] ** 2)
+
+
 def _witness(camp: Camp, *, sure: bool) -> Witness:
     texts = ", ".join(d.text for d, _ in camp.members[:6]) + (", ..." if len(camp.members) > 6 else "")
     lengths = [s.length for _, s in camp.members]
@@ -198,13 +223,19 @@ def _witness(camp: Camp, *, sure: bool) -> Witness:
 
 
 def _others(heard: Sequence[Dimension], camp: Camp, unit: float) -> list[Witness]:
-    """Return the sure dimensions that do not belong to a camp, each for itself."""
+    """Return the sure dimensions that do not belong to a camp, each scale once and none near the camp's.
+
+    A camp is far narrower than the agreement of witnesses: a text cut short may come near it, and is no
+    second voice.
+    """
     inside = {id(d) for d, _ in camp.members}
-    out = []
+    out: list[Witness] = []
     for d in heard:
         if id(d) in inside or d.spans[0].quality < _SURE:
             continue
         value = d.metres(unit) / d.spans[0].length
+        if any(w.allows(value) for w in out) or _near(value, camp.metres_per_px):
+            continue
         detail = f"The text {d.text} over a line of {d.spans[0].length:.0f} pixels."
         out.append(Witness("dimension-text", value, value, detail))
     return out[:_MOST_OTHERS]

@@ -4,8 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.sparse import coo_array
+from scipy.sparse.csgraph import connected_components
+from scipy.spatial import cKDTree
 
 _OFF = 1e-6
+_WELD = 2e-5
 _STEPS = 40
 
 
@@ -42,8 +46,22 @@ def cut_mesh(
     keys, index = np.unique(np.vstack([starts, ends]), axis=0, return_inverse=True)
     share = (height - z[keys[:, 0]]) / (z[keys[:, 1]] - z[keys[:, 0]])
     points = vertices[keys[:, 0], :2] + share[:, None] * (vertices[keys[:, 1], :2] - vertices[keys[:, 0], :2])
-    index = index.reshape(-1)
+    index, points = _welded(index.reshape(-1), points)
     return _walk(index[: len(starts)], index[len(starts) :], points)
+
+
+def _welded(
+    index: NDArray[np.int64], points: NDArray[np.float64]
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return points that lie on each other as one: a mesh may not share its vertices everywhere."""
+    pairs = cKDTree(points).query_pairs(_WELD, output_type="ndarray")
+    if not len(pairs):
+        return index, points
+    links = coo_array((np.ones(len(pairs)), (pairs[:, 0], pairs[:, 1])), shape=(len(points), len(points)))
+    count, group = connected_components(links, directed=False)
+    merged = np.zeros((count, 2))
+    merged[group] = points
+    return np.asarray(group[index], dtype=np.int64), merged
 
 
 def _links(
@@ -69,13 +87,16 @@ def _walk(
 ) -> tuple[list[NDArray[np.float64]], list[NDArray[np.float64]]]:
     """Join links to rings and lines; each link is walked once."""
     leaving: dict[int, list[int]] = {}
-    for link, node in enumerate(starts.tolist()):
-        leaving.setdefault(node, []).append(link)
+    apart = starts != ends
+    starts, ends = starts[apart], ends[apart]
+    for number, node in enumerate(starts.tolist()):
+        leaving.setdefault(node, []).append(number)
     entered = np.bincount(ends, minlength=len(points))
     left = np.bincount(starts, minlength=len(points))
     open_first = sorted(range(len(starts)), key=lambda k: bool(entered[starts[k]] >= left[starts[k]]))
     done = np.zeros(len(starts), dtype=bool)
-    rings, lines = [], []
+    rings: list[NDArray[np.float64]] = []
+    lines: list[NDArray[np.float64]] = []
     for first in open_first:
         if done[first]:
             continue
@@ -89,6 +110,6 @@ def _walk(
         line = points[path]
         if path[0] == path[-1] and len(path) > 3:
             rings.append(line[:-1])
-        elif len(path) >= 2:
+        elif path[0] != path[-1]:
             lines.append(line)
     return rings, lines

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
-from worker.geometry.drawing import cleanup
+from worker.geometry.drawing import cleanup, pens
 from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.pairs import Pairs, find_pairs, regular_patterns
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
@@ -78,7 +78,7 @@ def read_raster(grey: NDArray[np.uint8], *, scale: Scale, progress: Progress | N
     metres_per_px = scale.metres_per_unit or _ASSUMED_EXTENT / max(grey.shape)
     ink, dust = drop_dust(find_ink(grey, metres_per_px))
     tell("strokes", 0.2)
-    strokes = find_strokes(ink, ink.mask)
+    strokes = pens.weigh(ink, find_strokes(ink, ink.mask))
     if not len(strokes):
         raise NoWallsFound("The sheet is blank: nothing on it is darker than its paper.")
     tell("cleanup", 0.55)
@@ -130,8 +130,8 @@ def _sort_out(
     tell("pairs", 0.7)
     pairs = find_pairs(strokes, m, among=sorting.candidates)
     sorting.put("pattern", regular_patterns(strokes, pairs))
-    pen = cleanup.wall_pen(strokes, pairs, sorting.candidates, m)
-    sorting.put("light-pen", cleanup.light_pen(strokes, pen))
+    least = pens.lightest_wall_pen(strokes, pairs, sorting.candidates, m)
+    sorting.put("light-pen", strokes.weight < least)
     in_thick = _mostly_in(strokes, thick)
     if sum(w.length for w in bars) >= _FILLED_SHARE * float(strokes.length[sorting.candidates].sum() * m):
         sorting.put("thin", ~in_thick)

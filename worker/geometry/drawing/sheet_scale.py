@@ -26,7 +26,9 @@ Recognise = Callable[[Sequence[NDArray[np.uint8]]], list[tuple[str, float]]]
 
 Progress = Callable[[str, float], None]
 
-_MOST_READ, _AT_A_TIME, _MOST_FLIPPED, _MOST_MEASURED = 260, 24, 60, 200
+_MOST_READ, _AT_A_TIME, _MOST_MEASURED = 260, 24, 200
+_MOST_COLUMNS, _MOST_FLIPPED = 22_000, 24
+_BARREN, _FEW = 72, 4
 _READ, _SURE_NUMBER, _SET_ASIDE = 0.5, 0.75, 0.8
 
 
@@ -117,13 +119,22 @@ def find_sheet_scale(
 
 def _read_texts(ink: InkMap, recognise: Recognise, tell: Progress) -> list[_Read]:
     """Return the lines of text of a sheet, read; doubtful ones also upside down."""
-    lines = sorted(find_text_lines(ink), key=_irregularity)[:_MOST_READ]
+    lines = sorted(find_text_lines(ink), key=lambda line: _irregularity(ink, line))[:_MOST_READ]
     said: list[tuple[str, float]] = []
+    columns = 0
     for start in range(0, len(lines), _AT_A_TIME):
         tell("scale", 0.05 + 0.75 * start / max(len(lines), 1))
-        chosen = lines[start : start + _AT_A_TIME]
-        said += recognise([crop_line(ink, line) for line in chosen])
-    doubtful = [i for i, (text, sure) in enumerate(said) if sure < _SURE_NUMBER and text][:_MOST_FLIPPED]
+        crops = [crop_line(ink, line) for line in lines[start : start + _AT_A_TIME]]
+        columns += sum(crop.shape[1] for crop in crops)
+        if said and (columns > _MOST_COLUMNS or _only_symbols(said[-_BARREN:])):
+            break
+        said += recognise(crops)
+    lines = lines[: len(said)]
+    doubtful = [
+        i
+        for i, (text, sure) in enumerate(said)
+        if sure < _SURE_NUMBER and text and len(lines[i].parts) > 2 and lines[i].width < 8 * lines[i].height
+    ][:_MOST_FLIPPED]
     tell("scale", 0.8)
     flipped = recognise([crop_line(ink, lines[i], flipped=True) for i in doubtful])
     for i, other in zip(doubtful, flipped, strict=True):
@@ -136,10 +147,18 @@ def _read_texts(ink: InkMap, recognise: Recognise, tell: Progress) -> list[_Read
     ]
 
 
-def _irregularity(line: TextLine) -> float:
-    """Return how little a row of letters looks like text: numbers of 2 to 8 letters come first."""
+def _only_symbols(said: list[tuple[str, float]]) -> bool:
+    """Return whether so many rows in turn held hardly any text that the rest will be symbols too."""
+    return len(said) == _BARREN and sum(sure >= _SET_ASIDE and len(text) > 1 for text, sure in said) < _FEW
+
+
+def _irregularity(ink: InkMap, line: TextLine) -> float:
+    """Return how little a row of letters looks like text: numbers of even height come first."""
     spacing = line.width / (len(line.parts) * line.height)
-    return abs(math.log(max(spacing, 0.05) / 0.75)) + 0.1 * max(0, len(line.parts) - 12)
+    across = np.abs((-line.along[1], line.along[0]))
+    tall = ink.stats[line.parts, 2:4] @ across / line.height
+    uneven = float(np.mean((tall > 0.45) & (tall < 0.8))) if abs(math.sin(2 * line.angle)) < 0.1 else 0.3
+    return abs(math.log(max(spacing, 0.05) / 0.7)) + uneven + 0.1 * max(0, len(line.parts) - 12)
 
 
 def _measured(ink: InkMap, read: list[_Read], *, unit: float | None) -> tuple[Witness, ...]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import cv2
 import numpy as np
@@ -15,10 +15,10 @@ from scipy.spatial import cKDTree
 _WORK_PIXELS = 20_000_000
 _LEAST_SIZE, _MOST_SIZE = 7, 150
 _LEAST_CONTRAST = 30.0
-_REACH, _SAME_SIZE, _ROW_GAP = 1.45, 2.0, 0.55
+_REACH, _BRIDGED, _SAME_SIZE, _ROW_GAP = 1.45, 2.6, 2.0, 0.55
 _SLENDER, _THIN_STROKE = 3.5, 0.06
-_MOST_LETTERS, _MOST_LINES = 12_000, 1_500
-_TWO_ROWS = 1.75
+_MOST_LETTERS, _MOST_LINES, _MOST_MARKS = 12_000, 1_500, 50_000
+_TWO_ROWS, _SPACE = 1.75, 1.3
 _MARGIN = 0.22
 _CROP_HEIGHT = 48
 
@@ -108,7 +108,10 @@ def find_text_lines(ink: InkMap) -> list[TextLine]:
     lines: list[TextLine] = []
     for group in _neighbours(ink.stats, letters):
         lines += _rows(ink, group)
-    return lines[:_MOST_LINES]
+    lines = lines[:_MOST_LINES]
+    for _ in range(2):  # a quote and the dash behind it
+        lines = _with_marks(ink.stats, lines)
+    return _joined(ink, lines)
 
 
 def crop_line(ink: InkMap, line: TextLine, *, flipped: bool = False) -> NDArray[np.uint8]:
@@ -133,7 +136,7 @@ def crop_line(ink: InkMap, line: TextLine, *, flipped: bool = False) -> NDArray[
     if shrink > 1:
         patch = np.asarray(cv2.blur(patch, (shrink, shrink)), dtype=np.uint8)
     flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
-    border = int(np.percentile(patch, 90))
+    border = _paper_of(patch)
     out = cv2.warpAffine(patch, matrix, size, flags=flags, borderMode=cv2.BORDER_CONSTANT, borderValue=border)
     return np.asarray(out, dtype=np.uint8)
 
@@ -175,23 +178,60 @@ def _neighbours(stats: NDArray[np.int32], letters: NDArray[np.int64]) -> list[ND
     size = np.maximum(box[:, 2], box[:, 3])
     least = np.maximum(np.minimum(box[:, 2], box[:, 3]), 1)
     slender = (size / least > _SLENDER) | (box[:, 4] / (box[:, 2] ** 2 + box[:, 3] ** 2) < _THIN_STROKE)
-    pairs = []
-    for low in _LEAST_SIZE * 1.5 ** np.arange(9):
-        among = np.flatnonzero((size >= low) & (size < low * 1.5 * _SAME_SIZE))
-        if len(among) > 1:
-            tree = cKDTree(centre[among])
-            pairs.append(among[tree.query_pairs(_REACH * low * 1.5, output_type="ndarray")])
-    found = np.unique(np.concatenate(pairs), axis=0) if pairs else np.zeros((0, 2), dtype=np.int64)
+    found = _pairs(centre, size)
     i, j = found.T
     larger, smaller = np.maximum(size[i], size[j]), np.minimum(size[i], size[j])
     apart = np.hypot(*(centre[i] - centre[j]).T)
     near = (apart <= _REACH * larger) & (larger <= _SAME_SIZE * smaller) & ~(slender[i] & slender[j])
     i, j = i[near], j[near]
+    i, j = _bridged(stats, centre, size, found, np.column_stack([i, j]))
     graph = coo_matrix((np.ones(len(i)), (i, j)), shape=(len(letters), len(letters)))
     count, label = connected_components(graph, directed=False)
     order = np.argsort(label, kind="stable")
     groups = np.split(letters[order], np.cumsum(np.bincount(label, minlength=count))[:-1])
     return [g for g in groups if 2 <= len(g) <= 400]
+
+
+def _pairs(centre: NDArray[np.float64], size: NDArray[np.float64]) -> NDArray[np.int64]:
+    """Return the (K, 2) pairs of letters near enough to have one other letter or mark between them."""
+    pairs = [np.zeros((0, 2), dtype=np.int64)]
+    for low in _LEAST_SIZE * 1.5 ** np.arange(9):
+        among = np.flatnonzero((size >= low) & (size < low * 1.5 * _SAME_SIZE))
+        if len(among) > 1:
+            tree = cKDTree(centre[among])
+            pairs.append(among[tree.query_pairs(_BRIDGED * low * 1.5, output_type="ndarray")])
+    return np.asarray(np.unique(np.concatenate(pairs), axis=0), dtype=np.int64)
+
+
+def _bridged(
+    stats: NDArray[np.int32],
+    centre: NDArray[np.float64],
+    size: NDArray[np.float64],
+    pairs: NDArray[np.int64],
+    near: NDArray[np.int64],
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the near pairs, and those a step farther with a point, dash or quote between them."""
+    i, j = pairs.T
+    larger, smaller = np.maximum(size[i], size[j]), np.minimum(size[i], size[j])
+    apart = np.hypot(*(centre[i] - centre[j]).T)
+    far = (apart > _REACH * larger) & (apart <= _BRIDGED * larger) & (larger <= 1.4 * smaller)
+    pairs, larger = pairs[far], larger[far]
+    marks = _marks(stats)
+    if len(pairs) and len(marks):
+        box = stats[marks].astype(np.float64)
+        tree = cKDTree(box[:, :2] + box[:, 2:4] / 2)
+        middle = (centre[pairs[:, 0]] + centre[pairs[:, 1]]) / 2
+        distance, which = tree.query(middle)
+        small = np.maximum(box[which, 2], box[which, 3]) <= 0.6 * larger
+        near = np.concatenate([near, pairs[(distance <= 0.7 * larger) & small]])
+    return near[:, 0], near[:, 1]
+
+
+def _marks(stats: NDArray[np.int32]) -> NDArray[np.int64]:
+    """Return the parts that are small enough for a point, a dash or a quote."""
+    size = np.maximum(stats[:, 2], stats[:, 3])
+    found = np.flatnonzero((size >= 2) & (size <= 0.6 * _MOST_SIZE) & (stats[:, 4] >= 3))
+    return found[found > 0][:_MOST_MARKS]
 
 
 def _rows(ink: InkMap, group: NDArray[np.int64]) -> list[TextLine]:
@@ -245,6 +285,67 @@ def _line(ink: InkMap, group: NDArray[np.int64]) -> TextLine | None:
     return TextLine(float(cx + x0), float(cy + y0), float(w) + 1, float(h) + 1, angle, group)
 
 
+def _joined(ink: InkMap, lines: list[TextLine]) -> list[TextLine]:
+    """Return the lines of text with those that stand a word's space apart in one row as one line."""
+    if len(lines) < 2:
+        return lines
+    place = np.array([(t.x, t.y, t.width, t.height, t.angle) for t in lines])
+    i, j = np.triu_indices(len(lines), 1)
+    near = (
+        np.hypot(*(place[i, :2] - place[j, :2]).T) <= (place[i, 2] + place[j, 2]) / 2 + _SPACE * place[i, 3]
+    )
+    i, j = i[near], j[near]
+    a, b = place[i], place[j]
+    along = np.column_stack([np.cos(a[:, 4]), np.sin(a[:, 4])])
+    offset = b[:, :2] - a[:, :2]
+    high = np.maximum(a[:, 3], b[:, 3])
+    gap = np.abs((offset * along).sum(axis=1)) - (a[:, 2] + b[:, 2]) / 2
+    across = np.abs(offset[:, 1] * along[:, 0] - offset[:, 0] * along[:, 1])
+    fits = (gap <= _SPACE * high) & (gap > -0.3 * high) & (across <= 0.3 * high)
+    fits &= (np.abs(np.sin(a[:, 4] - b[:, 4])) <= 0.12) & (high <= 1.5 * np.minimum(a[:, 3], b[:, 3]))
+    graph = coo_matrix((np.ones(int(fits.sum())), (i[fits], j[fits])), shape=(len(lines), len(lines)))
+    count, label = connected_components(graph, directed=False)
+    out = []
+    for group in range(count):
+        members = [lines[k] for k in np.flatnonzero(label == group)]
+        whole = _line(ink, np.concatenate([m.parts for m in members])) if len(members) > 1 else members[0]
+        tallest = max(m.height for m in members)
+        out += [whole] if whole is not None and whole.height <= 1.4 * tallest else members
+    return out
+
+
+def _with_marks(stats: NDArray[np.int32], lines: list[TextLine]) -> list[TextLine]:
+    """Return the lines of text, longer by the quotes and points that stand right before or after them."""
+    marks = _marks(stats)
+    if not len(marks) or not lines:
+        return lines
+    box = stats[marks].astype(np.float64)
+    centre = box[:, :2] + box[:, 2:4] / 2
+    tree = cKDTree(centre)
+    out = []
+    for line in lines:
+        here = tree.query_ball_point((line.x, line.y), line.width / 2 + 0.8 * line.height)
+        here = [k for k in here if max(box[k, 2:4]) <= 0.6 * line.height]
+        offset = centre[here] - (line.x, line.y)
+        along, across = offset @ line.along, offset @ np.array([-line.along[1], line.along[0]])
+        inside = (np.abs(across) <= 0.5 * line.height) & (np.abs(along) <= line.width / 2 + 0.6 * line.height)
+        if not inside.any():
+            out.append(line)
+            continue
+        half = np.array([max(box[k, 2:4]) / 2 for k in here])
+        low = min(-line.width / 2, float((along - half)[inside].min()))
+        high = max(line.width / 2, float((along + half)[inside].max()))
+        x, y = np.array([line.x, line.y]) + line.along * (low + high) / 2
+        parts = np.union1d(line.parts, marks[np.array(here)[inside]])
+        out.append(replace(line, x=float(x), y=float(y), width=high - low, parts=parts))
+    return out
+
+
+def _paper_of(patch: NDArray[np.uint8]) -> int:
+    """Return the colour of the paper in a patch: nine tenths of it are at most as light."""
+    return int(np.percentile(patch[::2, ::2], 90)) if patch.size else 255
+
+
 def _nearest_quarter(angle: float, wanted: float) -> float:
     """Return the angle, turned by quarters until it is nearest to the one that is wanted."""
     return angle + math.pi / 2 * round((wanted - angle) / (math.pi / 2))
@@ -270,9 +371,10 @@ def _without_others(ink: InkMap, line: TextLine, box: tuple[int, int, int, int])
     others = np.setdiff1d(others, line.parts)
     if len(others):
         foreign = cv2.dilate(np.isin(labels, others).astype(np.uint8), np.ones((3, 3), np.uint8))
-        large = np.kron(foreign, np.ones((f, f), np.uint8))
+        size_px = (foreign.shape[1] * f, foreign.shape[0] * f)
+        large = cv2.resize(foreign, size_px, interpolation=cv2.INTER_NEAREST)
         dy, dx = y0 - y0 // f * f, x0 - x0 // f * f
         large = large[dy : dy + patch.shape[0], dx : dx + patch.shape[1]]
         seen = patch[: large.shape[0], : large.shape[1]]
-        seen[large > 0] = np.percentile(patch, 90)
+        seen[large > 0] = _paper_of(patch)
     return patch
