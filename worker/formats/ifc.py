@@ -25,10 +25,12 @@ from worker.geometry.drawing.sections import area_of
 CUT_HEIGHT = 1.2
 """Where a storey is cut unless it is said [m above its floor]."""
 
+_DOOR_REACH = 0.35
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _LOOKED_AT = 65_536
 _DOOR_WIDTH, _DOOR_HEIGHT = (0.5, 3.0), (1.7, 3.2)
 _WALL_THICKNESS = (0.04, 0.6)
+_WALL_HEIGHT = (0.8, 15.0)
 _STOREY_HEIGHT = (2.1, 6.0)
 _REASONS = {
     "door": "a door of the model ({cls}): its opening stays open",
@@ -114,6 +116,7 @@ def load_ifc(
         page=page,
         progress=lambda share: tell("cut", 0.8 * share),
     )
+    _to_metres(answer)
     tell("walls", 0.85)
     solids, lines, doors_cut = _material(answer["items"])
     if not solids.walls and not lines:
@@ -125,7 +128,7 @@ def load_ifc(
         set_aside=_set_aside(answer),
         layers=_layer_roles(answer["items"]),
         findings=(*_findings(answer, doors_cut), *contradictions(scale)),
-        unit=answer["unit"] or 1.0,
+        unit=(answer["unit"] or 1.0) / answer["metre"],
     )
     return plan_reading(plan, scale)
 
@@ -160,6 +163,20 @@ def _check(path: Path, bounds: Bounds) -> None:
         )
 
 
+def _to_metres(answer: dict[str, Any]) -> None:
+    """Divide every length by the likely metre: 1, but where the stated unit makes walls that are none."""
+    metre = answer["metre"]
+    for item in answer["items"]:
+        for name in ("rings", "lines"):
+            item[name] = [np.array(line) / metre for line in item[name]] if name in item else []
+        item["hull"] = np.array(item.get("hull") or np.zeros((0, 2))) / metre
+        item["z"] = [z / metre for z in item["z"]]
+    for storey in answer["storeys"]:
+        storey["elevation_m"] /= metre
+    answer["wall_heights"] = [h / metre for h in answer["wall_heights"]]
+    answer["floor"], answer["cut"] = answer["floor"] / metre, answer["cut"] / metre
+
+
 def _material(items: list[dict[str, Any]]) -> tuple[Solids, list[NDArray[np.float64]], int]:
     """Return walls and columns of the cut, open lines of surface models, and how many doors cut a wall."""
     walls: list[Any] = []
@@ -167,10 +184,8 @@ def _material(items: list[dict[str, Any]]) -> tuple[Solids, list[NDArray[np.floa
     lines: list[NDArray[np.float64]] = []
     glazing: dict[int, list[Any]] = {}
     for item in items:
-        if "rings" not in item:
-            continue
-        area = area_of([np.array(ring) for ring in item["rings"]])
-        lines += [np.array(line) for line in item["lines"] if len(line) >= 2]
+        area = area_of(item["rings"])
+        lines += [line for line in item["lines"] if len(line) >= 2]
         if item["role"] == "curtain":
             glazing.setdefault(item["id"], []).append(area)
         else:
@@ -202,23 +217,36 @@ def _without_doors(walls: list[Any], items: list[dict[str, Any]]) -> tuple[list[
     tree = shapely.STRtree(walls)
     count = 0
     for item in items:
-        if item["role"] != "door" or len(item.get("hull", ())) < 3:
+        if item["role"] != "door" or len(item["hull"]) < 3:
             continue
         box = shapely.minimum_rotated_rectangle(shapely.MultiPoint(item["hull"]))
         near = tree.query(box, predicate="intersects")
         covered = sum(shapely.intersection(walls[k], box).area for k in near)
         if box.area > 0 and covered > 0.5 * box.area:
             count += 1
-            grown = shapely.buffer(box, 0.02, join_style="mitre")
+            grown = _across(box)
             for k in near:
                 walls[k] = shapely.difference(walls[k], grown)
     return [w for w in walls if not w.is_empty], count
 
 
+def _across(box: Any) -> Any:
+    """Return a door's rectangle made wide enough to cut through the wall that it stands in."""
+    corners = np.asarray(box.exterior.coords)[:4]
+    sides = np.hypot(*(np.roll(corners, -1, axis=0) - corners).T)
+    first = int(np.argmin(sides))
+    a, b, c, d = np.roll(corners, -first, axis=0)
+    step = (b - a) / max(float(sides[first]), 1e-9) * _DOOR_REACH
+    if sides[first] < 1e-9:
+        normal = np.array([-(d - a)[1], (d - a)[0]])
+        step = normal / np.hypot(*normal) * _DOOR_REACH
+    return shapely.Polygon([a - step, b + step, c + step, d - step])
+
+
 def _set_aside(answer: dict[str, Any]) -> tuple[Piece, ...]:
     out = []
     for item in answer["items"]:
-        hull = np.array(item.get("hull") or np.zeros((0, 2)))
+        hull = item["hull"]
         if len(hull) < 2:
             continue
         role, cls = item["role"], item["class"]
@@ -248,7 +276,7 @@ def _scale(answer: dict[str, Any], solids: Solids, hint: ScaleHint | None) -> Sc
     if unit:
         detail = f"The model states its unit of length: {answer['unit_name']}."
         witnesses.append(Witness("file-unit", unit, unit, detail))
-    per_unit = unit or 1.0
+    per_unit = (unit or 1.0) / answer["metre"]
     doors = np.array(answer["doors"]).reshape(-1, 2)
     if len(doors):
         width, height = (float(v) for v in np.median(doors, axis=0))
@@ -258,6 +286,8 @@ def _scale(answer: dict[str, Any], solids: Solids, hint: ScaleHint | None) -> Sc
         witnesses += [Witness("door-size", low, high, detail, len(doors))] if low <= high else []
     thick = [w.thickness / per_unit for w in solids.walls if w.thickness > 0.0]
     witnesses += _range("wall-spacing", thick, _WALL_THICKNESS, "walls, thick")
+    tall = [h / per_unit for h in answer["wall_heights"]]
+    witnesses += _range("wall-height", tall, _WALL_HEIGHT, "walls, high")
     heights = np.diff(sorted(s["elevation_m"] / per_unit for s in answer["storeys"]))
     witnesses += _range(
         "storey-height", [float(h) for h in heights if h > 0.0], _STOREY_HEIGHT, "storeys, high"

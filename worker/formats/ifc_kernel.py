@@ -29,8 +29,11 @@ LOW, HIGH = 0.1, 2.0
 _PR_SET_PDEATHSIG = 1
 _MOST_WALLS = 4_000
 _MOST_OTHERS = 1_500
-_OTHERS_SECONDS = 12.0
+_OTHERS_SECONDS = 8.0
 _COARSE, _FINE = 0.05, 0.002
+_FARTHEST = 1e9
+_WALL_HEIGHT = (1.8, 9.0)
+_UNITS = (1.0, 0.001, 0.01, 0.3048, 0.0254, 1000.0)
 _WALLS = ("wall", "curtain")
 _MATERIAL = (*_WALLS, "column")
 _SHOWN = ("door", "window", "stair", "furniture", "other")
@@ -87,7 +90,9 @@ def cut_model(path: Path, request: dict[str, Any], tell: Callable[[float], None]
     shaper = _Shaper(tell)
     _shape_walls(elements, storey, storeys, shaper)
     floor = _floor(elements, storey)
-    cut = floor + float(request["cut_height_m"])
+    heights = _wall_heights(elements, storey)
+    metre = _metre(heights)
+    cut = floor + float(request["cut_height_m"]) * metre
     items = [_section(e, cut) for e in elements if e.role in _MATERIAL and e.vertices is not None]
     _shape_others(elements, storey, shaper)
     items += [_shown(e) for e in elements if e.role in _SHOWN and _reaches(e, floor, cut)]
@@ -95,11 +100,13 @@ def cut_model(path: Path, request: dict[str, Any], tell: Callable[[float], None]
         "schema": str(model.schema),
         "unit": unit,
         "unit_name": unit_name,
+        "metre": metre,
         "storeys": [s.to_json() for s in storeys],
         "storey": storeys.index(storey) if storey is not None else None,
         "floor": floor,
         "cut": cut,
         "items": items,
+        "wall_heights": heights,
         "doors": [size for e in elements if e.role == "door" and (size := e.size) is not None],
         "failed": shaper.failed,
         "skipped": shaper.skipped,
@@ -174,7 +181,7 @@ class _Shaper:
             return
         vertices = np.array(shape.geometry.verts, dtype=np.float64).reshape(-1, 3)
         triangles = np.array(shape.geometry.faces, dtype=np.int64).reshape(-1, 3)
-        if not len(triangles) or not np.isfinite(vertices).all():
+        if not len(triangles) or not (np.abs(vertices) < _FARTHEST).all():
             self.failed += 1
             return
         element.vertices, element.triangles = vertices, triangles
@@ -210,6 +217,23 @@ def _floor(elements: list[Element], storey: Storey | None) -> float:
     if not bases:
         return storey.placed
     return min((storey.placed, storey.elevation), key=lambda z: abs(z - float(np.median(bases))))
+
+
+def _wall_heights(elements: list[Element], storey: Storey | None) -> list[float]:
+    """Return how high the storey's walls are [m, if the stated unit is right]."""
+    return [
+        float(np.ptp(e.vertices[:, 2]))
+        for e in elements
+        if e.role in _WALLS and e.vertices is not None and (e.storey is storey or storey is None)
+    ]
+
+
+def _metre(heights: list[float]) -> float:
+    """Return how long a metre is in the model's stated metres: 1, but where its walls are no walls then."""
+    low, high = _WALL_HEIGHT
+    middle = float(np.median(heights)) if heights else low
+    fitting = [factor for factor in _UNITS if low <= middle / factor <= high]
+    return fitting[0] if fitting and not middle < low <= max(heights) <= high else 1.0
 
 
 def _section(element: Element, cut: float) -> dict[str, Any]:

@@ -30,6 +30,7 @@ from worker.geometry.drawing.occupied import read_occupied
 from worker.geometry.drawing.reading import Reading, RemovedStroke
 from worker.geometry.drawing.scale import Scale, Witness, contradictions, decide
 
+_YAML = (".yaml", ".yml")
 _MODES = ("trinary", "scale", "raw")
 _EXTENT = (2.0, 5000.0)
 _MOST_ENTRIES = 2
@@ -77,7 +78,9 @@ def load_ros_map(
     Parameters
     ----------
     path : Path
-        A ``map.yaml`` whose image lies in the same folder, or a ZIP that holds exactly these two.
+        A ``map.yaml`` whose image lies in the same folder, or a ZIP that holds exactly these two. Only a file
+        that is itself called ``.yaml`` or ``.yml`` has a neighbour: an upload, which lies among others under
+        the name of its hash, has none.
     bounds : Bounds, optional
         The most that is read.
     hint : ScaleHint, optional
@@ -140,6 +143,11 @@ def load_ros_map(
 def _from_folder(path: Path, bounds: Bounds) -> tuple[MapHeader, bytes]:
     with path.open("rb") as file:
         header = parse_header(file.read(bounds.max_yaml_bytes + 1), path.name, bounds=bounds)
+    if path.suffix.lower() not in _YAML:
+        raise HeaderMismatch(
+            f"The map.yaml came without its image {header.image!r}: send a ZIP that holds both.",
+            image=header.image,
+        )
     beside = path.parent / header.image
     if not beside.is_file() or beside.resolve().parent != path.parent.resolve():
         raise HeaderMismatch(
@@ -183,7 +191,7 @@ def _two_entries(
             )
         if entry.flag_bits & 1:
             raise FileEncrypted(f"{path.name} is encrypted; pack it without a password.")
-    of_yaml = [e for e in entries if e.filename.lower().endswith((".yaml", ".yml"))]
+    of_yaml = [e for e in entries if e.filename.lower().endswith(_YAML)]
     others = [e for e in entries if e not in of_yaml]
     if len(entries) != _MOST_ENTRIES or len(of_yaml) != 1:
         raise FileMalformed(
