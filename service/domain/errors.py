@@ -403,6 +403,16 @@ class NoWallsFound(Unfulfilled):
     title = "No walls were found"
 
 
+class NotADrawing(Unfulfilled):
+    """The picture has continuous tones, as a photo has: it is no drawing that walls could be read from.
+
+    Scan the drawing, or photograph it so that the sheet fills the picture. `paper` is the share that is as
+    bright as bare paper, `tones` the share that lies in the midst of middle tones.
+    """
+
+    title = "The picture is not a drawing"
+
+
 class PlacementNotComputed(Unfulfilled):
     """No placement could be computed: the scan and the map share too little to compare."""
 

@@ -27,11 +27,14 @@ from service.domain.media import (
     accept,
 )
 from worker.formats.ocr import load_recogniser
+from worker.geometry.drawing.confidence import judge
 from worker.geometry.drawing.edits import apply_edits
 from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.plans import several_plans
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
 from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.sheet_kind import check_sheet
 from worker.geometry.drawing.sheet_scale import find_sheet_scale
 
 Progress = Callable[[str, float], None]
@@ -47,7 +50,7 @@ def read_drawing_file(
     path : Path
         The file as it was uploaded.
     options : DrawingOptions
-        What a person said of it: scale, page.
+        What a person said of it: scale, page, storey, layers, corrections.
     bounds : Bounds, optional
         The most that is read.
     progress : callable, optional
@@ -56,7 +59,7 @@ def read_drawing_file(
     Returns
     -------
     Reading
-        In frame `drawing`.
+        In frame `drawing`; corrected by the edits, and with its confidence.
 
     Raises
     ------
@@ -64,12 +67,17 @@ def read_drawing_file(
         If the file cannot be read; the leaf tells why.
     NoWallsFound
         If nothing in it looks like a wall.
+    NotADrawing
+        If it is a photo.
     """
     tell = progress or (lambda _stage, _share: None)
     tell("load", 0.0)
     file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
     reading = _read(_load(file), file)
-    return apply_edits(reading, options.edits, progress=_part(tell, 0.9, 1.0))
+    reading = apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98))
+    tell("judge", 0.98)
+    plans = several_plans(reading)
+    return judge(reading if plans is None else replace(reading, findings=(*reading.findings, plans)))
 
 
 def _part(tell: Progress, low: float, high: float) -> Progress:
@@ -109,11 +117,15 @@ def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
 
 
 def _read_sheet(sheet: Sheet, file: _File) -> Reading:
+    doubts = check_sheet(sheet.grey)
     found = find_sheet_scale(
-        sheet, recognise=load_recogniser(), hint=file.options.scale, progress=_part(file.tell, 0.1, 0.4)
+        sheet,
+        recognise=load_recogniser(threads=2),
+        hint=file.options.scale,
+        progress=_part(file.tell, 0.1, 0.4),
     )
     reading = read_raster(sheet.grey, scale=found.scale, progress=_part(file.tell, 0.4, 1.0))
-    findings = (*sheet.findings, *found.findings, *reading.findings)
+    findings = (*sheet.findings, *doubts, *found.findings, *reading.findings)
     return replace(reading, findings=findings, top=reading.sheet[1])
 
 
@@ -125,9 +137,9 @@ def _read_linework(_linework: Linework, file: _File) -> Reading:
 
 
 def _raster(file: _File) -> Sheet:
-    from worker.formats.raster import load_raster  # noqa: PLC0415
+    from worker.formats.raster import load_sheet  # noqa: PLC0415
 
-    return Sheet(load_raster(file.path, bounds=file.bounds, page=file.options.page or 1))
+    return load_sheet(file.path, bounds=file.bounds, page=file.options.page)
 
 
 def _pdf(file: _File) -> Sheet | Linework:
@@ -189,6 +201,7 @@ _LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     JPEG: _raster,
     TIFF: _raster,
     BMP: _raster,
+    WEBP: _raster,
     PDF: _pdf,
     SVG: _svg,
     IFC: _ifc,
