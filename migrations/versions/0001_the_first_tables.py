@@ -237,7 +237,7 @@ def upgrade() -> None:
         sa.Column(
             "initial_pose",
             sa.JSON().with_variant(postgresql.JSONB(astext_type=sa.Text()), "postgresql"),
-            nullable=False,
+            nullable=True,
         ),
         sa.Column("ndt_resolution_m", sa.Double(), nullable=False),
         sa.Column(

@@ -165,7 +165,7 @@ class Placement(Base):
     scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"))
     revision_n: Mapped[int]
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
-    initial_pose: Mapped[dict[str, Any]]
+    initial_pose: Mapped[dict[str, Any] | None]
     ndt_resolution_m: Mapped[float]
     T_map_scan: Mapped[list[Any] | None] = mapped_column("t_map_scan", Json)
     verdict: Mapped[str | None] = mapped_column(String(16))

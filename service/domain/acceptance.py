@@ -59,8 +59,8 @@ class AcceptancePolicy:
     largest_sensitivity_on_few_m: float = 0.03
     runner_up_ratio: float = 0.85
     least_agreement: float = 0.4
-    largest_move_m: float = 3.0
-    largest_turn_rad: float = math.radians(45.0)
+    largest_move_m: float = 3.5
+    largest_turn_rad: float = math.radians(50.0)
     largest_tilt_rad: float = math.radians(5.0)
 
 
@@ -102,9 +102,16 @@ def judge(evidence: PlacementEvidence, policy: AcceptancePolicy | None = None) -
         (
             f"{share:.0%} of the scanned structure lies on the map, {median:.3f} m off in the median.",
             f"{evidence.upright_surfaces} distinct upright surfaces hold the pose in every direction.",
-            f"{evidence.starts_agreeing} of {evidence.starts} starts ended at this pose.",
+            _alone(evidence),
         ),
     )
+
+
+def _alone(e: PlacementEvidence) -> str:
+    """Return what was done to find another pose that fits."""
+    if e.starts:
+        return f"{e.starts_agreeing} of {e.starts} starts ended at this pose."
+    return f"Of {e.poses_compared} poses compared no other fits nearly as well."
 
 
 def _fatal(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:

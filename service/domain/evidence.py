@@ -54,8 +54,11 @@ class PlacementEvidence:
         A tablet carried through a door sees such things rightly.
     upright_surfaces : int
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
+    poses_compared : int
+        Poses that the placement search compared before the best were refined.
     starts, starts_agreeing : int
-        Poses tried as starts, and how many ended at the pose given (within 0.1 m and 1 degree).
+        On a cloud with a rough pose: poses tried as starts of NDT, and how many ended at the pose given
+        (within 0.1 m and 1 degree).
     runner_up_distance_m, runner_up_turn_rad, runner_up_inlier_share : float or None
         The best pose that ended elsewhere: how far from the pose given, and its share of structure inliers.
     moved_m, turned_rad : float
@@ -84,6 +87,7 @@ class PlacementEvidence:
     yaw_sensitivity_rad: float
     contradicted_share: float
     upright_surfaces: int
+    poses_compared: int
     starts: int
     starts_agreeing: int
     runner_up_distance_m: float | None

@@ -25,9 +25,9 @@ class WantedPlacement:
     Parameters
     ----------
     rough_pose : RoughPose, optional
-        Where to start; by default the pose that came with the scan.
+        Where to look; by default the pose that came with the scan, and everywhere where there is none.
     search : bool
-        Whether to look everywhere instead.
+        Whether to look everywhere, whatever came with the scan.
     revision_n : int, optional
         What to place it on; by default the map's latest ready revision.
     ndt_resolution_m : float
@@ -64,7 +64,7 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
     RevisionNotReady
         If the revision is building or failed, or the map has no ready one.
     InvalidRequest
-        If there is no rough pose to start from: searching without one is not available yet.
+        If a rough pose is given and a search everywhere is asked for as well.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     scan, _, _ = covered_scan(session, actor, scan_id=scan_id)
@@ -90,7 +90,7 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
         scan_id=scan_id,
         revision_n=n,
         job_id=job.id,
-        initial_pose=pose.to_json(),
+        initial_pose=None if pose is None else pose.to_json(),
         ndt_resolution_m=wanted.ndt_resolution_m,
         created_at=now,
         created_by=actor.key_id,
@@ -100,16 +100,16 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
     return Asked(row, job)
 
 
-def _start(scan: Scan, wanted: WantedPlacement) -> RoughPose:
-    if wanted.search:
-        detail = "Searching without a rough pose is not available yet: give rough_pose."
+def _start(scan: Scan, wanted: WantedPlacement) -> RoughPose | None:
+    """Return the rough pose to look around, or None to look everywhere."""
+    if wanted.search and wanted.rough_pose is not None:
+        detail = "Give rough_pose, or search = true, but not both."
         raise InvalidRequest(detail, errors=[{"pointer": "#/search", "detail": detail}])
+    if wanted.search:
+        return None
     if wanted.rough_pose is not None:
         return wanted.rough_pose
-    if scan.rough_pose is not None:
-        return RoughPose.from_json(scan.rough_pose)
-    detail = "Give rough_pose: neither this request nor the scan tells where the scan was taken."
-    raise InvalidRequest(detail, errors=[{"pointer": "#/rough_pose", "detail": detail}])
+    return None if scan.rough_pose is None else RoughPose.from_json(scan.rough_pose)
 
 
 def _target(session: Session, actor: Actor, map_id: str, n: int | None) -> int:

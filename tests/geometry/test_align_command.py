@@ -136,8 +136,6 @@ def test_layers_already_there_are_part_of_the_target(tmp_path: Path) -> None:
 @pytest.mark.parametrize(
     ("change", "words_in_answer"),
     [
-        (["--search"], "not part of this version"),
-        ([], "rough pose is needed"),
         (["--guess", "1,2,3"], "four numbers"),
         (["--guess", "1,2,nan,3"], "finite"),
         (["--guess", "0,0,0,0", "--ndt-resolution", "0"], "between"),

@@ -190,9 +190,10 @@ def test_what_a_placement_needs(admin: httpx.Client, by_hand: ByHand) -> None:
     where = f"/v1/scans/{by_hand.scan(map_id)}/placements"
     refused(admin.post(where, json=pose), 409, "revision-not-ready")
     a_ready_revision(admin, by_hand, map_id)
-    refused(admin.post(where, json={}), 422, "invalid-request")
-    search = refused(admin.post(where, json={"search": True}), 422, "invalid-request")
-    assert search["errors"][0]["pointer"] == "#/search"
+    both = refused(admin.post(where, json=pose | {"search": True}), 422, "invalid-request")
+    assert both["errors"][0]["pointer"] == "#/search"
+    for everywhere in ({}, {"search": True}):
+        assert ok(admin.post(where, json=everywhere), 202)["placement"]["initial_pose"] is None
     refused(admin.post(where, json=pose | {"revision": 9}), 404, "revision-not-found")
     unread = by_hand.scan(map_id, read=False)
     refused(admin.post(f"/v1/scans/{unread}/placements", json=pose), 409, "scan-not-read")

@@ -26,8 +26,10 @@ def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
             "--map", type=Path, required=True, help="a PCD, or the folder that `groundplan build` wrote"
         )
         where = parser.add_mutually_exclusive_group()
-        where.add_argument("--guess", metavar="x,y,z,yaw_deg", help="rough T_map_scan")
-        where.add_argument("--search", action="store_true", help="find the place without a rough pose")
+        where.add_argument(
+            "--guess", metavar="x,y,z,yaw_deg", help="rough T_map_scan, within 3 m and 45 deg"
+        )
+        where.add_argument("--search", action="store_true", help="search the whole map (the default)")
         parser.add_argument("--ndt-resolution", type=float, default=1.0, metavar="M", help="edge of a cell")
         parser.add_argument("-o", "--output", type=Path, required=True, metavar="DIR")
     else:
@@ -150,14 +152,10 @@ def _merge(args: argparse.Namespace) -> dict[str, Any]:
     return {"points": len(merged), "points_of_layers": int(np.count_nonzero(merged.labels == Label.LAYER))}
 
 
-def _guess(args: argparse.Namespace) -> Transform:
-    """Return the rough pose of ``--guess``."""
-    if args.search:
-        raise InvalidRequest(
-            "--search is not part of this version: give a rough pose with --guess x,y,z,yaw_deg."
-        )
+def _guess(args: argparse.Namespace) -> Transform | None:
+    """Return the rough pose of ``--guess``, or None to search the whole map."""
     if args.guess is None:
-        raise InvalidRequest("A rough pose is needed: --guess x,y,z,yaw_deg (metres and degrees).")
+        return None
     try:
         x, y, z, yaw_deg = (float(word) for word in args.guess.split(","))
     except ValueError:

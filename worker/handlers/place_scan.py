@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from sqlalchemy import select
@@ -28,7 +29,7 @@ class _Asked:
 
     scan_id: str
     scan_sha256: str
-    initial: Transform
+    initial: Transform | None
     ndt_resolution_m: float
     revision_id: str
     recipe: Recipe
@@ -38,7 +39,7 @@ class _Asked:
 def place_scan(context: JobContext) -> None:
     """Place the scan and record where, how well it fits, and the verdict.
 
-    1. look up the scan, the revision and the rough pose
+    1. look up the scan, the revision and the rough pose, if there is one
     2. load the scan, the revision's wall faces, and the layers of other scans
     3. match the scan to them
     4. judge the evidence; a rejected placement is a result as well
@@ -74,12 +75,16 @@ def _asked(context: JobContext) -> _Asked:
         return _Asked(
             scan_id=scan.id,
             scan_sha256=scan.blob_sha256,
-            initial=RoughPose.from_json(placement.initial_pose).transform(),
+            initial=_initial(placement.initial_pose),
             ndt_resolution_m=placement.ndt_resolution_m,
             revision_id=revision.id,
             recipe=Recipe.from_json(revision.recipe),
             walls_sha256=walls.sha256,
         )
+
+
+def _initial(pose: dict[str, Any] | None) -> Transform | None:
+    return None if pose is None else RoughPose.from_json(pose).transform()
 
 
 def _target(context: JobContext, asked: _Asked) -> PlacementTarget:

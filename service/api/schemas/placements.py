@@ -29,10 +29,14 @@ class PlacementIn(Input):
     """How a scan is to be placed."""
 
     rough_pose: RoughPoseIn | None = Field(
-        None, description="Where to start; by default the rough pose that came with the scan."
+        None,
+        description="Where to look, give or take 3 m and 45 degrees; by default the rough pose that came "
+        "with the scan, and where there is none, everywhere.",
     )
     search: bool = Field(
-        False, description="Look everywhere instead of near a pose. Not available yet.", strict=True
+        False,
+        description="Look everywhere on the map, also where the scan came with a rough pose.",
+        strict=True,
     )
     revision: Annotated[int, Field(ge=1, le=2**31 - 1, strict=True)] | None = Field(
         None, description="The revision to place it on; by default the latest ready one."
@@ -61,7 +65,9 @@ class PlacementOut(Output):
     map_id: str
     scan_id: str
     revision: int = Field(validation_alias="revision_n", description="The revision it was placed on.")
-    initial_pose: JsonObject
+    initial_pose: JsonObject | None = Field(
+        description="The rough pose it started from; null where it was searched for everywhere."
+    )
     ndt_resolution_m: float
     T_map_scan: list[list[float]] | None = Field(
         description="4x4, row by row: takes coordinates of the scan to coordinates of the map [m]."
@@ -69,7 +75,7 @@ class PlacementOut(Output):
     verdict: Literal["accepted", "needs-review", "rejected"] | None
     reasons: list[str] | None = Field(description="Why the verdict is what it is, as sentences.")
     evidence: JsonObject | None = Field(description="The measurements behind the verdict.")
-    candidates: list[Any] | None = Field(description="Other poses that were considered.")
+    candidates: list[Any] | None = Field(description="Poses that were considered, the one given first.")
     job_id: str
     created_at: datetime
 

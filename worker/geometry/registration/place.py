@@ -3,42 +3,38 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from service.domain.errors import PlacementNotComputed
 from service.domain.evidence import PlacementEvidence
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.registration import measure
-from worker.geometry.registration.fitness import (
-    euclidean_fitness_score,
-    nearest_voxel_transformation_likelihood,
-    transformation_probability,
-)
-from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, register_ndt
-from worker.geometry.registration.ndt_map import NdtMap, build_ndt_map
+from worker.geometry.registration.evidence import Found, gather_evidence, look_at
+from worker.geometry.registration.ndt import register_ndt
+from worker.geometry.registration.ndt_map import build_ndt_map
+from worker.geometry.registration.prepare import prepare_scan
+from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.refine import refine_to_surfaces
-from worker.geometry.registration.starts import End, apart_at, ends_of, merge_ends, start_poses
-from worker.geometry.registration.surfaces import Surfaces, estimate_normals
+from worker.geometry.registration.search import Region, search
+from worker.geometry.registration.starts import End, ends_of, merge_ends, start_poses
+from worker.geometry.registration.structure import level_shift
+from worker.geometry.registration.surfaces import Surfaces
 from worker.geometry.registration.target import PlacementTarget
 
 Progress = Callable[[str, float], None]
 
 TARGET, REFERENCE = 0, 1
 """Labels of a scan's points: not explained by the map, and explained by it."""
-_NDT_STEP = 0.2
-_FIT_STEP = 0.1
-_MOST_COARSE = 8_000
-_MOST_FINE = 8_000
-_MARGIN = 2.0
-_MOST_CANDIDATES = 4
-_FURNITURE = 1.2
+_MOST_CANDIDATES = 6
+_WORTH = 0.7
+_ROUGH_RADIUS, _ROUGH_TURN = 3.2, np.deg2rad(48.0)
+_HELD = 1.4
+_LEAST_STRUCTURE = 12
 _BATCH = 200_000
 
 
@@ -83,41 +79,15 @@ class Placed:
     candidates: tuple[Candidate, ...]
 
 
-@dataclass(frozen=True, eq=False)
-class _Problem:
-    """Hold scan and map, prepared: thinned points, normals towards the tablet, surfaces, NDT maps."""
-
-    coarse: NDArray[np.float64]
-    fine: NDArray[np.float64]
-    normals: NDArray[np.float64]
-    surfaces: Surfaces
-    maps: tuple[NdtMap, ...]
-    target: PlacementTarget
-    cloud: NDArray[np.float64]
-
-    @property
-    def structure_from(self) -> float | None:
-        """Return the height above which upright things are walls [m], where the floor is known."""
-        return _FURNITURE if self.target.kind == "faces" else None
-
-
-@dataclass(frozen=True, eq=False)
-class _Found:
-    """Hold a refined end with its fit."""
-
-    end: End
-    fit: measure.Fit
-
-
 def place_scan(
     scan: PointCloud,
     target: PlacementTarget,
     *,
-    initial: Transform,
+    initial: Transform | None,
     ndt_resolution: float = 1.0,
     progress: Progress | None = None,
 ) -> Placed:
-    """Return where a scan lies on a map, found from a rough pose, with the evidence for it.
+    """Return where a scan lies on a map, found from a rough pose or from none, with the evidence for it.
 
     The pose is the best that was found, never a fallback to `initial`; it may be wrong.
 
@@ -127,10 +97,10 @@ def place_scan(
         N points, metres, z up, in frame `scan`; its origin is where the tablet was.
     target : PlacementTarget
         The map.
-    initial : Transform
-        Rough `T_map_scan`: within about 0.7 m and 10 degrees.
+    initial : Transform or None
+        Rough `T_map_scan`, within 3 m and 45 degrees; None searches the whole map.
     ndt_resolution : float
-        Edge of the NDT cells [m]; twice and half of it are used before and after it.
+        Edge of the NDT cells [m]; on a cloud twice and half of it are used before and after it.
     progress : callable, optional
         Told the stage and the share done; what it raises ends the work.
 
@@ -142,28 +112,40 @@ def place_scan(
     Raises
     ------
     PlacementNotComputed
-        If nothing of the map is near the rough pose, or the scan has too few points.
+        If nothing of the map is near the rough pose, or the scan has too few points or no upright surface.
 
     Notes
     -----
-    NDT at falling cell sizes (Magnusson 2009) from the rough pose and six around it; each distinct end is
-    refined to the map's surfaces, robustly; the one that explains most of the scan's structure is given.
+    The scan's upright structure is searched for among the map's (`search`); each distinct place is refined to
+    the map's surfaces, robustly, on a bare cloud by NDT at falling cell sizes (Magnusson 2009) from seven
+    starts around the rough pose as well; the one that explains most of the scan's structure is given.
     The same inputs give the same bytes, whatever the number of threads.
     """
     tell = progress or (lambda _stage, _share: None)
     tell("prepare", 0.0)
-    problem = _prepare(scan, target, initial, ndt_resolution)
-    middle = problem.coarse.mean(axis=0)
-    starts = start_poses(initial, initial.apply(middle[None])[0])
-    ends = ends_of(
-        problem.coarse, problem.maps[:2], starts=starts, told=lambda share: tell("ndt", 0.1 + 0.5 * share)
-    )
+    problem = Problem(prepare_scan(scan), target, ndt_resolution)
+    if initial is not None:
+        problem.surfaces(initial)
+    tell("search", 0.2)
+    tried, ends = _hypotheses(problem, initial)
+    starts: tuple[Transform, ...] = ()
+    if target.kind == "cloud" and initial is not None:
+        starts = start_poses(initial, initial.apply(problem.scan.middle[None])[0])
+        maps = [problem.ndt_map(initial, grid) for grid in (2.0 * ndt_resolution, ndt_resolution)]
+        ends += ends_of(
+            problem.scan.coarse, maps, starts=starts, told=lambda share: tell("ndt", 0.3 + 0.3 * share)
+        )[:_MOST_CANDIDATES]
+    if not ends:
+        raise PlacementNotComputed(
+            "The scan shows no upright surface that could be a wall of the map; scan two walls or more, or "
+            "give a rough pose."
+        )
     tell("refine", 0.6)
-    found = _refine_ends(problem, ends, middle)
+    found = _refine_ends(problem, ends, tell)
     best = found[0]
     tell("measure", 0.8)
-    evidence = _evidence(problem, found, initial=initial, starts=len(starts), middle=middle)
-    labels = _labels(scan, problem.surfaces, best.end.T_map_scan)
+    evidence = gather_evidence(problem, found, initial=initial, starts=len(starts), tried=tried)
+    labels = _labels(scan, problem.surfaces(best.end.T_map_scan), best.end.T_map_scan)
     candidates = tuple(
         Candidate(f.end.T_map_scan, f.fit.structure_share, f.fit.inlier_share, f.end.starts) for f in found
     )
@@ -171,121 +153,76 @@ def place_scan(
     return Placed(best.end.T_map_scan, evidence, labels, candidates)
 
 
-def _prepare(
-    scan: PointCloud, target: PlacementTarget, initial: Transform, ndt_resolution: float
-) -> _Problem:
-    """Return the thinned scan and what of the map lies around it."""
-    coarse = _thinned(scan.points, _NDT_STEP, most=_MOST_COARSE)
-    fine = voxel_grid_filter(scan.points, _FIT_STEP)
-    if len(fine) < 100:
-        raise PlacementNotComputed(
-            f"The scan has {len(fine)} points at {_FIT_STEP} m spacing; at least 100 are needed to place it."
-        )
-    normals, flat = estimate_normals(fine, towards=np.zeros(3))
-    normals[~flat] = 0.0
-    some = slice(None, None, 1 + (len(fine) - 1) // _MOST_FINE)
-    fine, normals = np.ascontiguousarray(fine[some]), np.ascontiguousarray(normals[some])
-    centre = initial.apply(scan.points.mean(axis=0)[None])[0]
-    radius = float(np.linalg.norm(scan.points - scan.points.mean(axis=0), axis=1).max()) + _MARGIN
-    surfaces = target.around(centre, radius)
-    cloud = target.near(centre, radius) if target.kind == "cloud" else surfaces.points
-    grids = (2.0 * ndt_resolution, ndt_resolution, 0.5 * ndt_resolution)
-    maps = tuple(build_ndt_map(cloud, grid) for grid in grids)
-    if len(maps[1]) == 0 or len(maps[0]) == 0:
-        raise PlacementNotComputed(
-            f"The map has no surface within {radius:.1f} m of the rough pose "
-            f"(x {centre[0]:.1f}, y {centre[1]:.1f}); check the rough pose, or the size of the NDT cells."
-        )
-    return _Problem(coarse, fine, normals, surfaces, maps, target, cloud)
+def _hypotheses(problem: Problem, initial: Transform | None) -> tuple[int, list[End]]:
+    """Return how many poses the search compared, and those worth refining; the rough pose is one of them."""
+    outline = problem.target.outline
+    region = None
+    if initial is not None:
+        x, y, _ = initial.translation
+        region = Region(float(x), float(y), float(initial.rpy[2]), _ROUGH_RADIUS, _ROUGH_TURN)
+    z = _height(problem, initial)
+    ends = []
+    tried = 0
+    if len(problem.scan.structure) >= _LEAST_STRUCTURE:
+        hypotheses = search(problem.scan.structure, outline, region=region)
+        tried = hypotheses.tried
+        worth = hypotheses.score >= _WORTH * hypotheses.score.max(initial=0.0)
+        for x, y, yaw in hypotheses.poses[worth][:_MOST_CANDIDATES]:
+            ends.append(End(Transform.from_xyz_yaw(x, y, z, yaw), 0.0, 0, True, 0))
+    if initial is not None and problem.target.kind == "faces":
+        x, y, _ = initial.translation
+        ends.append(End(Transform.from_xyz_yaw(x, y, z, initial.rpy[2]), 0.0, 0, True, 0))
+    return tried, ends
 
 
-def _thinned(points: NDArray[np.float64], step: float, *, most: int) -> NDArray[np.float64]:
-    """Return one point a voxel of edge `step` [m], and a wider one where that gives more than `most`."""
-    kept = voxel_grid_filter(points, step)
-    if len(kept) > most:
-        kept = voxel_grid_filter(points, step * float(np.sqrt(len(kept) / most)))
-    return kept
+def _height(problem: Problem, initial: Transform | None) -> float:
+    """Return the height of the scan's origin in frame `map`: by level surfaces, else by the rough pose."""
+    scan, target = problem.scan, problem.target
+    if target.kind == "cloud":
+        if initial is not None:
+            return float(initial.translation[2])
+        around = target.around(target.points.mean(axis=0), np.inf)
+        return level_shift(scan.fine, scan.normals, onto=around.points, onto_normals=around.normals)
+    if scan.floor is not None:
+        return -scan.floor
+    if initial is not None:
+        return float(initial.translation[2])
+    return _HELD - float(scan.viewpoint[2])
 
 
-def _refine_ends(problem: _Problem, ends: list[End], middle: NDArray[np.float64]) -> list[_Found]:
-    """Return the ends refined, made distinct again, the one that explains most first."""
+def _refine_ends(problem: Problem, ends: list[End], tell: Progress) -> list[Found]:
+    """Return the ends refined, made distinct again, the best first."""
     refined = []
-    for end in ends[:_MOST_CANDIDATES]:
-        pose, iterations, converged = end.T_map_scan, end.iterations, end.converged
-        if problem.target.kind == "cloud" and len(problem.maps[2]):
-            result = register_ndt(problem.coarse, problem.maps[2], initial=pose, tolerance=1e-3)
+    for done, end in enumerate(ends):
+        tell("refine", 0.6 + 0.2 * done / len(ends))
+        refine = _refine_on_faces if problem.target.kind == "faces" else _refine_on_cloud
+        moved = refine(problem, end)
+        refined.append(replace(moved, score=look_at(problem, moved).score))
+    found = [look_at(problem, end) for end in merge_ends(refined, problem.scan.middle)]
+    return sorted(found, key=lambda f: -f.score)[:_MOST_CANDIDATES]
+
+
+def _refine_on_faces(problem: Problem, end: End) -> End:
+    last = refine_to_surfaces(
+        problem.scan.fine, problem.scan.normals, problem.surfaces(end.T_map_scan), initial=end.T_map_scan
+    )
+    return End(last.T_map_scan, 0.0, end.starts, last.converged, end.iterations + last.iterations)
+
+
+def _refine_on_cloud(problem: Problem, end: End) -> End:
+    """Return where NDT ends; a hypothesis of the search passes the middle cells first."""
+    pose, iterations, converged = end.T_map_scan, end.iterations, end.converged
+    grids = (1.0, 0.5) if end.starts == 0 else (0.5,)
+    for grid in grids:
+        ndt_map = build_ndt_map(
+            problem.target.near(problem.centre(pose), problem.scan.radius + 2.0 * MARGIN),
+            grid * problem.ndt_resolution,
+        )
+        if len(ndt_map):
+            result = register_ndt(problem.scan.coarse, ndt_map, initial=pose, tolerance=1e-3)
             pose, iterations = result.T_target_source, iterations + result.iterations
             converged = result.converged
-        else:
-            last = refine_to_surfaces(problem.fine, problem.normals, problem.surfaces, initial=pose)
-            pose, iterations, converged = last.T_map_scan, iterations + last.iterations, last.converged
-        fit = _fit(problem, pose)
-        score = fit.structure_share + 0.1 * fit.inlier_share
-        refined.append(End(pose, score, end.starts, converged, iterations))
-    return [_Found(end, _fit(problem, end.T_map_scan)) for end in merge_ends(refined, middle)]
-
-
-def _fit(problem: _Problem, pose: Transform) -> measure.Fit:
-    return measure.measure_fit(
-        problem.fine, problem.normals, problem.surfaces, pose=pose, structure_from=problem.structure_from
-    )
-
-
-def _evidence(
-    problem: _Problem, found: list[_Found], *, initial: Transform, starts: int, middle: NDArray[np.float64]
-) -> PlacementEvidence:
-    """Return everything measured at the best pose, and what else was found."""
-    best, pose = found[0], found[0].end.T_map_scan
-    faces = problem.target.kind == "faces"
-    off = np.abs(best.fit.distance[best.fit.inlier])
-    shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
-    eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
-    tree = problem.surfaces.tree if faces else KDTree(problem.cloud)
-    placed = pose.apply(problem.coarse)
-    near = tree.query(placed, distance_upper_bound=problem.maps[1].resolution)[0]
-    others = [(*apart_at(pose, f.end.T_map_scan, middle), f.fit.structure_share) for f in found[1:]]
-    runner_up = max(others, key=lambda other: other[2], default=(None, None, None))
-    moved_by, turned_by = apart_at(pose, initial, middle)
-    return PlacementEvidence(
-        map_kind=problem.target.kind,
-        converged=best.end.converged,
-        iterations=sum(f.end.iterations for f in found),
-        points_compared=len(problem.fine),
-        inlier_distance_m=measure.INLIER_DISTANCE,
-        inlier_share=best.fit.inlier_share,
-        inlier_share_of_structure=best.fit.structure_share,
-        residual_rms_m=float(np.sqrt(np.mean(off**2))) if len(off) else measure.INLIER_DISTANCE,
-        residual_median_m=float(np.median(off)) if len(off) else measure.INLIER_DISTANCE,
-        overlap_share=float(np.mean(np.isfinite(near))),
-        euclidean_fitness_score_m2=euclidean_fitness_score(placed, tree),
-        transformation_probability=transformation_probability(placed, problem.maps[1]),
-        nearest_voxel_transformation_likelihood=nearest_voxel_transformation_likelihood(
-            placed, problem.maps[1]
-        ),
-        ndt_resolution_m=problem.maps[1].resolution,
-        information_eigenvalues=eigenvalues,
-        weak_directions=weak,
-        position_sensitivity_m=shift,
-        yaw_sensitivity_rad=turn,
-        contradicted_share=_contradicted(problem, best.fit, pose),
-        upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
-        starts=starts,
-        starts_agreeing=best.end.starts,
-        runner_up_distance_m=runner_up[0],
-        runner_up_turn_rad=runner_up[1],
-        runner_up_inlier_share=runner_up[2],
-        moved_m=moved_by,
-        turned_rad=turned_by,
-        tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
-    )
-
-
-def _contradicted(problem: _Problem, fit: measure.Fit, pose: Transform) -> float:
-    """Return the share of the structure that the tablet would have had to see through a wall."""
-    structure = fit.placed[fit.structure & (fit.placed[:, 2] < problem.target.wall_height)]
-    if not len(structure):
-        return 0.0
-    return float(np.mean(problem.target.seen_through(structure, viewpoint=pose.translation)))
+    return End(pose, 0.0, end.starts, converged, iterations)
 
 
 def _labels(scan: PointCloud, surfaces: Surfaces, pose: Transform) -> NDArray[np.uint8]:

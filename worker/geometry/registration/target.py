@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -12,22 +13,14 @@ from service.domain.errors import FileEmpty
 from service.domain.evidence import MapKind
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.registration.cloud_outline import CloudOutline
+from worker.geometry.registration.faces import Faces
+from worker.geometry.registration.search import Outline
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
-from worker.geometry.registration.visibility import Solids
 
-ALONG_STEP = 0.05
 _UP_STEP = 0.15
 _PLANE_STEP = 0.15
 _CLOUD_STEP = 0.05
-
-
-@dataclass(frozen=True, eq=False)
-class _Segments:
-    """Hold S face segments: begin, end (S, 2), and the direction in which each face looks (S, 2)."""
-
-    begin: NDArray[np.float64]
-    end: NDArray[np.float64]
-    outward: NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -40,22 +33,19 @@ class PlacementTarget:
         What the map gave.
     points : ndarray of shape (M, 3), float64
         The cloud, or the layers already on a map of faces [m]; may be empty for faces.
-    segments : optional
-        The faces seen from above.
+    faces : Faces, optional
+        The upright faces, where they are known.
     wall_height : float
         Height of the faces above z = 0 [m].
     ceiling : bool
         Whether a ceiling at the wall height is known.
-    solids : optional
-        What hides faces that stand against it.
     """
 
     kind: MapKind
     points: NDArray[np.float64]
-    segments: _Segments | None = None
+    faces: Faces | None = None
     wall_height: float = 0.0
     ceiling: bool = False
-    solids: Solids | None = None
 
     @classmethod
     def from_cloud(cls, points: NDArray[np.float64]) -> PlacementTarget:
@@ -103,8 +93,12 @@ class PlacementTarget:
         if not walls and not columns:
             raise FileEmpty("The map holds no wall, so nothing can be placed on it.")
         points = np.zeros((0, 3)) if layers is None else layers
-        solids = Solids.of(walls, columns)
-        return cls("faces", points, _segments(walls, columns), wall_height, ceiling, solids)
+        return cls("faces", points, Faces.of(walls, columns), wall_height, ceiling)
+
+    @cached_property
+    def outline(self) -> Outline:
+        """Return the walls seen from above, for a placement search."""
+        return self.faces if self.faces is not None else CloudOutline.of(self.points)
 
     def near(self, centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
         """Return the (K, 3) points of the cloud within `radius` [m] of `centre` (3,), seen from above."""
@@ -131,28 +125,17 @@ class PlacementTarget:
         ndarray of shape (N,), bool
             All False where the map is a cloud: it has no walls.
         """
-        behind = np.zeros(len(points), dtype=bool)
-        if self.segments is None or not len(points):
-            return behind
-        eye, ray = viewpoint[:2], points[:, :2] - viewpoint[:2]
-        length = np.hypot(ray[:, 0], ray[:, 1])
-        along = self.segments.end - self.segments.begin
-        for k in range(len(along)):
-            to = self.segments.begin[k] - eye
-            across = ray[:, 0] * along[k, 1] - ray[:, 1] * along[k, 0]
-            across = np.where(np.abs(across) < 1e-12, np.inf, across)
-            t = (to[0] * along[k, 1] - to[1] * along[k, 0]) / across
-            u = (to[0] * ray[:, 1] - to[1] * ray[:, 0]) / across
-            behind |= (t > 0.0) & (t * length < length - clearance) & (u >= 0.0) & (u <= 1.0)
-        return behind
+        if self.faces is None or not len(points):
+            return np.zeros(len(points), dtype=bool)
+        return self.faces.hidden_from(viewpoint[:2], points[:, :2], clearance=clearance)
 
     def around(self, centre: NDArray[np.float64], radius: float) -> Surfaces:
         """Return the surfaces within `radius` [m] of `centre` (3,), seen from above."""
         cloud = _cloud_surfaces(self.near(centre, radius))
-        if self.segments is None:
+        if self.faces is None:
             return cloud
         parts = [
-            _walls(self.segments, self.solids, centre, radius, self.wall_height),
+            _walls(self.faces, centre, radius, self.wall_height),
             _plane(centre, radius, 0.0, 1.0),
         ]
         if self.ceiling:
@@ -170,52 +153,16 @@ def _cloud_surfaces(points: NDArray[np.float64]) -> Surfaces:
     return Surfaces(thinned, normals, sided=False)
 
 
-def _segments(walls: Sequence[Wall], columns: Sequence[Column]) -> _Segments:
-    """Return every face as segments that know their outside."""
-    begins, ends, outs = [np.zeros((0, 2))], [np.zeros((0, 2))], [np.zeros((0, 2))]
-    for wall in walls:
-        for face, side in zip(wall.faces, (1.0, -1.0), strict=True):
-            along = np.diff(face, axis=0)
-            begins.append(face[:-1])
-            ends.append(face[1:])
-            outs.append(side * np.column_stack([-along[:, 1], along[:, 0]]))
-    for column in columns:
-        ring = np.vstack([column.outline, column.outline[:1]])
-        x, y = ring[:, 0], ring[:, 1]
-        turning = np.sign(np.sum(x[:-1] * y[1:] - x[1:] * y[:-1])) or 1.0
-        along = np.diff(ring, axis=0)
-        begins.append(ring[:-1])
-        ends.append(ring[1:])
-        outs.append(turning * np.column_stack([along[:, 1], -along[:, 0]]))
-    begin, end, out = np.vstack(begins), np.vstack(ends), np.vstack(outs)
-    length = np.hypot(out[:, 0], out[:, 1])
-    kept = length > 1e-9
-    return _Segments(begin[kept], end[kept], out[kept] / length[kept, None])
-
-
 def _walls(
-    segments: _Segments,
-    solids: Solids | None,
-    centre: NDArray[np.float64],
-    radius: float,
-    height: float,
+    faces: Faces, centre: NDArray[np.float64], radius: float, height: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return samples on the upright faces near a place, and their normals."""
-    along = segments.end - segments.begin
-    length = np.hypot(along[:, 0], along[:, 1])
-    counts = np.maximum(np.ceil(length / ALONG_STEP).astype(np.int64), 1)
-    which = np.repeat(np.arange(len(counts)), counts)
-    place = np.arange(len(which)) - np.repeat(np.cumsum(counts) - counts, counts)
-    share = (place + 0.5) / counts[which]
-    foot = segments.begin[which] + share[:, None] * along[which]
-    near = np.sum((foot - centre[:2]) ** 2, axis=1) < radius**2
-    foot, out = foot[near], segments.outward[which[near]]
-    if solids is not None:
-        seen = ~solids.hides(foot, out)
-        foot, out = foot[seen], out[seen]
+    feet, outward = faces.samples
+    near = np.sum((feet - centre[:2]) ** 2, axis=1) < radius**2
+    feet, outward = feet[near], outward[near]
     levels = np.arange(0.5 * _UP_STEP, height, _UP_STEP)
-    points = np.column_stack([np.repeat(foot, len(levels), axis=0), np.tile(levels, len(foot))])
-    normals = np.column_stack([np.repeat(out, len(levels), axis=0), np.zeros(len(points))])
+    points = np.column_stack([np.repeat(feet, len(levels), axis=0), np.tile(levels, len(feet))])
+    normals = np.column_stack([np.repeat(outward, len(levels), axis=0), np.zeros(len(points))])
     return points, normals
 
 

@@ -1,0 +1,112 @@
+"""How a scan lies on the map at a pose, and the evidence that a placement gives for it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from scipy.spatial import KDTree
+
+from service.domain.evidence import PlacementEvidence
+from service.domain.transform import Transform
+from worker.geometry.registration import measure
+from worker.geometry.registration.fitness import (
+    euclidean_fitness_score,
+    nearest_voxel_transformation_likelihood,
+    transformation_probability,
+)
+from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
+from worker.geometry.registration.problem import MARGIN, Problem
+from worker.geometry.registration.starts import End, apart_at
+
+_SEEN_THROUGH = 0.5
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Hold a refined end with its fit, and the share of structure seen through walls there."""
+
+    end: End
+    fit: measure.Fit
+    contradicted: float
+
+    @property
+    def score(self) -> float:
+        """Return what candidates are ordered by."""
+        return self.fit.structure_share + 0.1 * self.fit.inlier_share - _SEEN_THROUGH * self.contradicted
+
+
+def look_at(problem: Problem, end: End) -> Found:
+    """Return how the scan lies on the map at an end."""
+    fit = _fit(problem, end.T_map_scan)
+    return Found(end, fit, _contradicted(problem, fit, end.T_map_scan))
+
+
+def _fit(problem: Problem, pose: Transform) -> measure.Fit:
+    return measure.measure_fit(
+        problem.scan.fine,
+        problem.scan.normals,
+        problem.surfaces(pose),
+        pose=pose,
+        structure_from=problem.structure_from,
+    )
+
+
+def gather_evidence(
+    problem: Problem, found: list[Found], *, initial: Transform | None, starts: int, tried: int
+) -> PlacementEvidence:
+    """Return everything measured at the best pose, and what else was found."""
+    best, pose, middle = found[0], found[0].end.T_map_scan, problem.scan.middle
+    faces = problem.target.kind == "faces"
+    off = np.abs(best.fit.distance[best.fit.inlier])
+    shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
+    eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
+    ndt_map = problem.ndt_map(pose, problem.ndt_resolution)
+    radius = problem.scan.radius + 2.0 * MARGIN
+    cloud = problem.target.near(problem.centre(pose), radius)
+    tree = problem.surfaces(pose).tree if faces else KDTree(cloud)
+    placed = pose.apply(problem.scan.coarse)
+    near = tree.query(placed, distance_upper_bound=ndt_map.resolution)[0]
+    others = [(*apart_at(pose, f.end.T_map_scan, middle), f.fit.structure_share, f.score) for f in found[1:]]
+    runner_up = max(others, key=lambda other: other[3], default=(None, None, None, None))
+    moved_by, turned_by = (0.0, 0.0) if initial is None else apart_at(pose, initial, middle)
+    return PlacementEvidence(
+        map_kind=problem.target.kind,
+        converged=best.end.converged,
+        iterations=sum(f.end.iterations for f in found),
+        points_compared=len(problem.scan.fine),
+        inlier_distance_m=measure.INLIER_DISTANCE,
+        inlier_share=best.fit.inlier_share,
+        inlier_share_of_structure=best.fit.structure_share,
+        residual_rms_m=float(np.sqrt(np.mean(off**2))) if len(off) else measure.INLIER_DISTANCE,
+        residual_median_m=float(np.median(off)) if len(off) else measure.INLIER_DISTANCE,
+        overlap_share=float(np.mean(np.isfinite(near))),
+        euclidean_fitness_score_m2=euclidean_fitness_score(placed, tree),
+        transformation_probability=transformation_probability(placed, ndt_map),
+        nearest_voxel_transformation_likelihood=nearest_voxel_transformation_likelihood(placed, ndt_map),
+        ndt_resolution_m=ndt_map.resolution,
+        information_eigenvalues=eigenvalues,
+        weak_directions=weak,
+        position_sensitivity_m=shift,
+        yaw_sensitivity_rad=turn,
+        contradicted_share=best.contradicted,
+        upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
+        poses_compared=tried,
+        starts=starts,
+        starts_agreeing=best.end.starts,
+        runner_up_distance_m=runner_up[0],
+        runner_up_turn_rad=runner_up[1],
+        runner_up_inlier_share=runner_up[2],
+        moved_m=moved_by,
+        turned_rad=turned_by,
+        tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
+    )
+
+
+def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+    """Return the share of the structure that the tablet would have had to see through a wall."""
+    viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
+    structure = fit.placed[fit.structure & (fit.placed[:, 2] < problem.target.wall_height)]
+    if not len(structure):
+        return 0.0
+    return float(np.mean(problem.target.seen_through(structure, viewpoint=viewpoint)))

@@ -1,0 +1,248 @@
+"""Placement search: where a scan may have been taken, from a rough pose or from none.
+
+The upright structure of the scan is correlated with the faces of the walls, seen from above, over every
+yaw and position; the best are pulled onto the faces; those for which the tablet would have had to see
+through walls go down. What comes back are hypotheses in their order, for a refinement in all six
+dimensions to decide on.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial import KDTree
+
+from worker.geometry.registration.face_field import correlate, face_field
+from worker.geometry.registration.structure import Structure
+
+_YAW_STEP = np.deg2rad(2.5)
+_MARGIN = 1.0
+_MOST_PEAKS = 96
+_APART_PEAKS, _TURN_PEAKS = 0.5, np.deg2rad(7.0)
+_APART, _TURN = 0.2, np.deg2rad(3.0)
+_ROUNDS = (0.6, 0.6, 0.5, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2)
+_SIDE_WEIGHT = 0.5
+_ON_FACE = 0.12
+_THROUGH_WEIGHT = 0.5
+
+
+class Outline(Protocol):
+    """What a map shows of its walls, seen from above."""
+
+    @property
+    def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return places on faces (M, 2) [m] and the unit directions in which they look (M, 2)."""
+        ...
+
+    def hidden_from(
+        self, eye: NDArray[np.float64], points: NDArray[np.float64], *, clearance: float = ...
+    ) -> NDArray[np.bool_]:
+        """Return which points (N, 2) stand behind a wall, seen from `eye` (2,) [m]."""
+        ...
+
+
+@dataclass(frozen=True)
+class Region:
+    """Hold where the scan's origin may lie in frame `map` [m], and how it may be turned [rad]."""
+
+    x: float
+    y: float
+    yaw: float
+    radius: float
+    turn: float
+
+
+@dataclass(frozen=True, eq=False)
+class Hypotheses:
+    """Hold H poses seen from above, the most likely first.
+
+    Parameters
+    ----------
+    poses : ndarray of shape (H, 3), float64
+        x, y [m] and yaw [rad] of `T_map_scan`.
+    on_faces, through_walls : ndarrays of shape (H,), float64
+        Share of the structure that lies within 12 cm of a face that looks its way; share that the tablet
+        would have had to see through a wall.
+    tried : int
+        Poses compared.
+    """
+
+    poses: NDArray[np.float64]
+    on_faces: NDArray[np.float64]
+    through_walls: NDArray[np.float64]
+    tried: int
+
+    @property
+    def score(self) -> NDArray[np.float64]:
+        """Return what the hypotheses are ordered by."""
+        return self.on_faces - _THROUGH_WEIGHT * self.through_walls
+
+
+def search(structure: Structure, outline: Outline, *, region: Region | None) -> Hypotheses:
+    """Return where the structure fits the faces, anywhere or within a region; none where nothing fits.
+
+    Parameters
+    ----------
+    structure : Structure
+        The scan's, with at least one piece.
+    outline : Outline
+        The map's.
+    region : Region, optional
+        Around a rough pose; the whole map where there is none.
+
+    Notes
+    -----
+    Exhaustive at 20 cm and 2.5 degrees; then point-to-line steps with Tukey's biweight for up to 96 peaks
+    at once.
+    """
+    feet, outward = outline.samples
+    if not len(feet):
+        return Hypotheses(np.zeros((0, 3)), np.zeros(0), np.zeros(0), 0)
+    poses, tried = _peaks(structure, feet, outward, region)
+    if not len(poses):
+        return Hypotheses(np.zeros((0, 3)), np.zeros(0), np.zeros(0), tried)
+    tree = KDTree(np.hstack([feet, _SIDE_WEIGHT * outward]))
+    for reach in _ROUNDS:
+        poses = _step(structure, poses, tree, feet, outward, reach)
+    on_faces = _on_faces(structure, poses, tree, feet, outward)
+    inside = np.ones(len(poses), dtype=bool) if region is None else _within(poses, region)
+    order = np.flatnonzero(inside)[np.argsort(-on_faces[inside], kind="stable")]
+    order = order[_distinct(poses[order], apart=_APART, turn=_TURN)]
+    order = order[on_faces[order] >= 0.5 * on_faces[order[0]]] if len(order) else order
+    through = np.array([_through(structure, poses[i], outline) for i in order])
+    found = Hypotheses(poses[order], on_faces[order], through, tried)
+    best = np.argsort(-found.score, kind="stable")
+    return Hypotheses(found.poses[best], found.on_faces[best], found.through_walls[best], tried)
+
+
+def _peaks(
+    structure: Structure, feet: NDArray[np.float64], outward: NDArray[np.float64], region: Region | None
+) -> tuple[NDArray[np.float64], int]:
+    """Return the best distinct poses of an exhaustive coarse search, and how many were tried."""
+    reach = float(np.linalg.norm(structure.xy, axis=1).max()) + _MARGIN
+    if region is None:
+        yaws = np.arange(0.0, 2.0 * np.pi, _YAW_STEP)
+        window = (feet.min(axis=0) - _MARGIN, feet.max(axis=0) + _MARGIN)
+        near = np.arange(len(feet))
+    else:
+        steps = int(np.ceil(region.turn / _YAW_STEP))
+        yaws = region.yaw + np.arange(-steps, steps + 1) * _YAW_STEP
+        middle = np.array([region.x, region.y])
+        window = (middle - region.radius, middle + region.radius)
+        near = np.flatnonzero(np.linalg.norm(feet - middle, axis=1) < region.radius * np.sqrt(2.0) + reach)
+        if not len(near):
+            return np.zeros((0, 3)), 0
+    field = face_field(feet[near], outward[near], margin=1.0)
+    poses, scores = correlate(field, structure.xy, structure.outward, yaws=yaws, window=window)
+    tried = len(yaws) * int(np.prod(np.ceil((window[1] - window[0]) / 0.2)))
+    top = np.argsort(-scores, kind="stable")[: 40 * _MOST_PEAKS]
+    top = top[scores[top] >= 0.5 * scores[top[0]]]
+    top = top[_distinct(poses[top], apart=_APART_PEAKS, turn=_TURN_PEAKS, most=_MOST_PEAKS)]
+    return poses[top], tried
+
+
+def _distinct(
+    poses: NDArray[np.float64], *, apart: float, turn: float, most: int | None = None
+) -> NDArray[np.intp]:
+    """Return the indices of poses that no earlier one kept is near."""
+    kept: list[int] = []
+    for i in range(len(poses)):
+        others = poses[kept]
+        off = np.hypot(others[:, 0] - poses[i, 0], others[:, 1] - poses[i, 1])
+        if not np.any((off < apart) & (np.abs(_wrapped(others[:, 2] - poses[i, 2])) < turn)):
+            kept.append(i)
+            if len(kept) == most:
+                break
+    return np.array(kept, dtype=np.intp)
+
+
+def _wrapped(angle: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return angles between -pi and pi."""
+    return np.asarray((angle + np.pi) % (2.0 * np.pi) - np.pi, dtype=np.float64)
+
+
+def _within(poses: NDArray[np.float64], region: Region) -> NDArray[np.bool_]:
+    off = np.hypot(poses[:, 0] - region.x, poses[:, 1] - region.y)
+    return np.asarray(
+        (off <= region.radius) & (np.abs(_wrapped(poses[:, 2] - region.yaw)) <= region.turn), dtype=np.bool_
+    )
+
+
+def _placed(
+    structure: Structure, poses: NDArray[np.float64]
+) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    """Return places and directions (H, K, 2) of the structure at each pose."""
+    c, s = np.cos(poses[:, 2]), np.sin(poses[:, 2])
+    turn = np.stack([np.stack([c, -s], axis=1), np.stack([s, c], axis=1)], axis=1)
+    return (
+        np.einsum("hij,kj->hki", turn, structure.xy) + poses[:, None, :2],
+        np.einsum("hij,kj->hki", turn, structure.outward),
+    )
+
+
+def _matched(
+    structure: Structure,
+    poses: NDArray[np.float64],
+    tree: KDTree,
+    feet: NDArray[np.float64],
+    outward: NDArray[np.float64],
+    reach: float,
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return places (H, K, 2), distances to faces (H, K), their normals (H, K, 2), matched (H, K)."""
+    p, n = _placed(structure, poses)
+    query = np.concatenate([p, _SIDE_WEIGHT * n], axis=2).reshape(-1, 4)
+    _, index = tree.query(query, distance_upper_bound=float(np.hypot(reach, 0.5 * _SIDE_WEIGHT)))
+    found = (index < len(feet)).reshape(p.shape[:2])
+    index = np.where(found, index.reshape(found.shape), 0)
+    between, normal = p - feet[index], outward[index]
+    distance = np.sum(between * normal, axis=2)
+    aside = np.abs(between[..., 0] * normal[..., 1] - between[..., 1] * normal[..., 0])
+    found &= (np.abs(distance) < reach) & (aside < reach)
+    return p, distance, normal, found
+
+
+def _step(
+    structure: Structure,
+    poses: NDArray[np.float64],
+    tree: KDTree,
+    feet: NDArray[np.float64],
+    outward: NDArray[np.float64],
+    reach: float,
+) -> NDArray[np.float64]:
+    """Return the poses after one Gauss-Newton step each, in x, y and yaw about the structure's middle."""
+    p, r, n, found = _matched(structure, poses, tree, feet, outward, reach)
+    weight = np.where(found, (1.0 - (r / reach) ** 2) ** 2, 0.0)
+    middle = p.mean(axis=1, keepdims=True)
+    q = p - middle
+    J = np.concatenate([n, (q[..., :1] * n[..., 1:] - q[..., 1:] * n[..., :1])], axis=2)
+    H = np.einsum("hki,hkj,hk->hij", J, J, weight) + 1e-3 * len(structure) * np.eye(3)
+    g = np.einsum("hki,hk,hk->hi", J, r, weight)
+    xi = -np.linalg.solve(H, g[..., None])[..., 0]
+    xi *= np.minimum(1.0, 0.3 / np.maximum(np.abs(xi).max(axis=1, keepdims=True), 1e-9))
+    c, s = np.cos(xi[:, 2]), np.sin(xi[:, 2])
+    off = poses[:, :2] - middle[:, 0]
+    moved = np.stack([c * off[:, 0] - s * off[:, 1], s * off[:, 0] + c * off[:, 1]], axis=1)
+    return np.column_stack([middle[:, 0] + moved + xi[:, :2], poses[:, 2] + xi[:, 2]])
+
+
+def _on_faces(
+    structure: Structure,
+    poses: NDArray[np.float64],
+    tree: KDTree,
+    feet: NDArray[np.float64],
+    outward: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the share of the structure within 12 cm of a face that looks its way, (H,)."""
+    found = _matched(structure, poses, tree, feet, outward, _ON_FACE)[3]
+    return np.asarray(found.mean(axis=1), dtype=np.float64)
+
+
+def _through(structure: Structure, pose: NDArray[np.float64], outline: Outline) -> float:
+    """Return the share of the structure that stands behind a wall as seen by the tablet."""
+    p, _ = _placed(structure, pose[None])
+    c, s = np.cos(pose[2]), np.sin(pose[2])
+    eye = pose[:2] + np.array([(c, -s), (s, c)]) @ structure.viewpoint
+    return float(np.mean(outline.hidden_from(eye, p[0])))
