@@ -22,6 +22,7 @@ from service.domain.media import (
     ROS_MAP_ZIP,
     SVG,
     TIFF,
+    WEBP,
     Media,
     Purpose,
     accept,
