@@ -159,7 +159,7 @@ def test_a_unit_that_doors_and_walls_contradict_is_put_right(tmp_path: Path) -> 
 
 def test_units_that_nothing_agrees_on_are_unknown(tmp_path: Path) -> None:
     model = ModelWriter("m")
-    model.storey("Ground", 0.0, [Solid("IfcWall", bar(0, 0, 4, 0.2), high=50.0)])
+    model.storey("Ground", 0.0, [Solid("IfcWall", bar(0, 0, 40, 0.2), high=100.0)])
     model.file.by_type("IfcSIUnit")[0].Prefix = "MILLI"
     reading = load_ifc(model.write(tmp_path / "m.ifc"))
     assert reading.scale.state == "unknown"
