@@ -101,9 +101,8 @@ def dimension_witnesses(
     if not camps:
         return ()
     most = max(camp.lengths for _, camp in camps)
-    camps = [(u, camp) for u, camp in camps if camp.lengths == most]
-    sized = [(u, camp) for u, camp in camps if _plausible(camp, extent)]
-    camps, sized = _tell_apart(camps), _tell_apart(sized)
+    camps = _distinct([(u, camp) for u, camp in camps if camp.lengths == most])
+    sized = _tell_apart([(u, camp) for u, camp in camps if _plausible(camp, extent)])
     out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
     out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
     chosen = (sized or camps)[0]
@@ -191,12 +190,19 @@ def _near(value: float, other: float) -> bool:
     return abs(math.log(value / other)) <= 2 * math.log1p(AGREEMENT)
 
 
+def _distinct(camps: list[tuple[float, Camp]]) -> list[tuple[float, Camp]]:
+    """Return the camps, of those at one scale the largest alone: it is one statement, not two."""
+    kept: list[tuple[float, Camp]] = []
+    for unit, camp in sorted(camps, key=lambda c: -len(c[1].members)):
+        if not any(_near(camp.metres_per_px, other.metres_per_px) for _, other in kept):
+            kept.append((unit, camp))
+    return kept
+
+
 def _tell_apart(camps: list[tuple[float, Camp]]) -> list[tuple[float, Camp]]:
     """Return the one of two readings of bare integers that is far more usual, or both."""
     if len(camps) < 2:
         return camps
-    if not any(d.measure.form == "integer" for _, camp in camps for d, _ in camp.members):
-        return camps[:1]
     ranked = sorted(camps, key=lambda c: -_usual(c[1], c[0]))
     clear = _usual(ranked[0][1], ranked[0][0]) - _usual(ranked[1][1], ranked[1][0]) >= _TELLS_APART
     return ranked[:1] if clear else ranked
