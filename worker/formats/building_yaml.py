@@ -132,7 +132,8 @@ def load_building_yaml(
     scale = _scale(level, system, hint)
     plan = _plan(level, scale)
     findings = (*plan.findings, *_findings(level, system, scale), *contradictions(scale))
-    return plan_reading(replace(plan, findings=findings), scale)
+    reading = plan_reading(replace(plan, findings=findings), scale)
+    return replace(reading, top=-reading.origin[1]) if system == _IMAGE else reading
 
 
 def _system(building: dict[str, Any], path: Path) -> str:

@@ -74,11 +74,10 @@ def read_drawing_file(
     tell = progress or (lambda _stage, _share: None)
     tell("load", 0.0)
     file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
-    reading = _read(_load(file), file)
-    reading = apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98))
+    loaded = _load(file)
+    reading = apply_edits(_read(loaded, file), options.edits, progress=_part(tell, 0.9, 0.98))
     tell("judge", 0.98)
-    plans = several_plans(reading)
-    return judge(reading if plans is None else replace(reading, findings=(*reading.findings, plans)))
+    return reading if isinstance(loaded, Reading) else _judged(reading)
 
 
 def _part(tell: Progress, low: float, high: float) -> Progress:
@@ -115,6 +114,12 @@ def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
     if isinstance(loaded, Linework):
         return _read_linework(loaded, file)
     return loaded
+
+
+def _judged(reading: Reading) -> Reading:
+    """Return a reading with its confidence; a building model that tells its walls itself needs none."""
+    plans = several_plans(reading)
+    return judge(reading if plans is None else replace(reading, findings=(*reading.findings, plans)))
 
 
 def _read_sheet(sheet: Sheet, file: _File) -> Reading:
@@ -174,7 +179,8 @@ def _ifc(file: _File) -> Reading:
 def _ros_map(file: _File) -> Reading:
     from worker.formats.ros_map import load_ros_map  # noqa: PLC0415
 
-    return load_ros_map(file.path, bounds=file.bounds, hint=file.options.scale, progress=file.tell)
+    reading = load_ros_map(file.path, bounds=file.bounds, hint=file.options.scale, progress=file.tell)
+    return replace(reading, top=reading.sheet[1])
 
 
 def _pgm(file: _File) -> Sheet:
