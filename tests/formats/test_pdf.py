@@ -115,12 +115,18 @@ def test_a_circle_of_four_curves_is_one_arc_and_fine_enough(tmp_path: Path) -> N
     assert np.abs(np.hypot(*middle.T) - r * PT).max() < 0.06
 
 
-def test_fills_are_closed_and_white_is_left_out(tmp_path: Path) -> None:
+def test_fills_are_closed_and_white_ones_are_masks(tmp_path: Path) -> None:
     page = drawn(tmp_path, one_page(b"0.6 g 10 10 40 20 re f 1 g 0 0 9 9 re f 1 G 0 0 m 50 50 l S"))
+    assert page.kind.tolist() == ["solid", "mask"]
+    assert (page.filled.tolist(), page.closed.tolist()) == ([True, True], [True, True])
+    assert page.colour.tolist() == [0x999999, 0xFFFFFF]
+    assert len(page.ends) == 8
+
+
+def test_an_area_with_a_hole_is_one_entity_of_two_rings(tmp_path: Path) -> None:
+    page = drawn(tmp_path, one_page(b"0.5 g 10 10 80 60 re 20 20 60 40 re f*"))
+    assert page.entity.tolist() == [0] * 8
     assert page.kind.tolist() == ["solid"]
-    assert (page.filled.tolist(), page.closed.tolist()) == ([True], [True])
-    assert page.colour.tolist() == [0x999999]
-    assert len(page.ends) == 4
 
 
 def test_layers_have_their_names_and_hidden_ones_are_passed_over(tmp_path: Path) -> None:
@@ -335,7 +341,8 @@ def test_numbers_that_are_none_leave_the_rest_readable(tmp_path: Path) -> None:
 def test_the_real_pages(shared_data: Path) -> None:
     scanned = load_pdf(shared_data / "drawings" / "pdf_scanned-plan.pdf")
     assert isinstance(scanned, Sheet)
-    assert (scanned.grey.shape, scanned.dpi) == ((1584, 2448), pytest.approx(144.0))
+    assert scanned.grey.shape == (1584, 2448)
+    assert scanned.dpi == pytest.approx(144.0)
     plan = load_pdf(shared_data / "drawings" / "pdf_sample-finish-plan.pdf", page=1)
     assert isinstance(plan, Linework)
     assert plan.sheet == pytest.approx((0, 0, 1066.8, 762.0), abs=0.1)

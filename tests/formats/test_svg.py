@@ -79,15 +79,15 @@ def test_groups_are_layers_and_pens_are_inherited(tmp_path: Path) -> None:
     assert page.closed.tolist() == [True, False, False]
 
 
-def test_fills_white_and_what_is_not_displayed(tmp_path: Path) -> None:
+def test_fills_masks_and_what_is_not_displayed(tmp_path: Path) -> None:
     page = drawn(
         tmp_path,
         '<rect x="0" y="0" width="10" height="10" fill="#555"/><rect width="9" height="9" fill="white"/>'
         f'<rect width="9" height="9" fill="none"/><g style="display: none">{LINE}</g>'
         f'<g visibility="hidden">{LINE}</g>',
     )
-    assert page.kind.tolist() == ["solid"]
-    assert page.filled.tolist() == [True]
+    assert page.kind.tolist() == ["solid", "mask"]
+    assert page.filled.tolist() == [True, True]
     assert [f.code for f in page.findings] == ["layer-hidden"]
 
 

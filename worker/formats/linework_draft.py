@@ -77,15 +77,19 @@ class LineworkDraft:
         kind: str = "",
         closed: bool = False,
         clip: Box | None = None,
+        again: bool = False,
     ) -> None:
         """Add a polyline of points; one that is `closed` or filled gets its last side.
+
+        With `again` it is a further ring of the area that was added before: its hole, or another part. A
+        white area is kept as a ``mask``: it hides what was drawn before it; a white stroke is left out.
 
         Raises
         ------
         DrawingTooComplex
             If there are more segments than are taken.
         """
-        if pen.is_white:
+        if pen.is_white and not pen.filled:
             self.white += 1
             return
         if not all(abs(x) < _FARTHEST and abs(y) < _FARTHEST for x, y in points):
@@ -96,7 +100,10 @@ class LineworkDraft:
         if len(points) < 2:
             return
         shut = closed or _near(points[0], points[-1])
-        entity = self._entity_for(points, pen=pen, kind=kind, closed=shut)
+        if again and self._kinds:
+            entity = len(self._kinds) - 1
+        else:
+            entity = self._entity_for(points, pen=pen, kind=kind, closed=shut)
         window = self._clips.setdefault(clip or self.page, len(self._clips))
         for (ax, ay), (bx, by) in itertools.pairwise(points):
             self._ends.extend((ax, ay, bx, by))
@@ -161,7 +168,8 @@ class LineworkDraft:
         if goes_on:
             self._kinds[-1] = "polyline"
             return len(self._kinds) - 1
-        usual = "solid" if pen.filled else "line" if len(points) == 2 else "polyline"
+        area = "mask" if pen.is_white else "solid"
+        usual = area if pen.filled else "line" if len(points) == 2 else "polyline"
         self._kinds.append(kind or usual)
         self._closed.append(closed)
         self._pen.append(number)

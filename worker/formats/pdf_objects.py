@@ -227,12 +227,16 @@ class PageWalk:
             return
         if len(pens) == 2 and not pens[0].is_white:
             pens = [Pen(layer, pens[1].width, pens[0].colour, dashed=dashed, filled=True)]
-        for points, closed, kind, arcs in self._subpaths(item, T_mm_item):
-            for pen in pens:
-                self._draft.add(points, pen=pen, kind="" if pen.filled else kind, closed=closed, clip=clip)
-            if stroke is not None:
-                for arc in arcs:
-                    self._draft.add_arc(arc)
+        subpaths = list(self._subpaths(item, T_mm_item))
+        for pen in pens:
+            before = len(self._draft)
+            for points, closed, kind, _ in subpaths:
+                again = pen.filled and len(self._draft) > before
+                drawn_as = "" if pen.filled else kind
+                self._draft.add(points, pen=pen, kind=drawn_as, closed=closed, clip=clip, again=again)
+        for *_, arcs in subpaths if stroke is not None else ():
+            for arc in arcs:
+                self._draft.add_arc(arc)
 
     def _subpaths(self, item: Any, T: Affine) -> Iterator[tuple[list[Point], bool, str, list[Arc]]]:
         """Yield each subpath: its points [mm], whether it is closed, its kind, and its circular arcs."""

@@ -174,17 +174,19 @@ def _add(shape: Any, draft: LineworkDraft, viewport: _Viewport, layer: str) -> N
     dashed = stroke is not None and bool(re.search(r"[1-9]", dashes))
     line = None if stroke is None else Pen(layer, width, stroke, dashed=dashed)
     body = None if fill is None else Pen(layer, math.nan, fill, filled=True)
-    for points, closed, arcs in _subpaths(shape, viewport):
+    subpaths = list(_subpaths(shape, viewport))
+    filled = 0
+    for points, closed, _ in subpaths if body is not None else ():
+        if body is not None and len(points) > 2:
+            pen = body if line is None or body.is_white else replace(body, width=width, dashed=dashed)
+            draft.add(points, pen=pen, closed=closed, again=filled > 0)
+            filled += 1
+    for points, closed, arcs in subpaths if line is not None else ():
         kind = "" if not arcs else "arc" if len(arcs) == 1 else "spline"
-        has_body = body is not None and not body.is_white and len(points) > 2
-        if body is not None and has_body:
-            pen = body if line is None else replace(body, width=width, dashed=dashed)
-            draft.add(points, pen=pen, closed=closed)
-        elif line is not None:
+        if line is not None and (body is None or body.is_white or not filled):
             draft.add(points, pen=line, kind=kind, closed=closed)
-        if stroke is not None:
-            for arc in arcs:
-                draft.add_arc(arc)
+        for arc in arcs:
+            draft.add_arc(arc)
 
 
 def _colour(colour: Any) -> int | None:

@@ -47,8 +47,9 @@ class Linework:
         Index of the segment's entity; the segments of one entity are consecutive, in drawing order.
     kind : ndarray of shape (E,), str
         ``line``, ``polyline``, ``arc``, ``circle``, ``ellipse``, ``spline``, ``hatch``, ``solid``,
-        ``dimension``, ``leader``, ``insert``; or the class that a building model gives: ``wall``, ``column``,
-        ``door``, ``window``, ``stair``, ``slab``, ``space``, ``furniture``.
+        ``dimension``, ``leader``, ``insert``, ``mask`` (a white area that hides what was drawn
+        before); or the class that a building model gives: ``wall``, ``column``, ``door``, ``window``,
+        ``stair``, ``slab``, ``space``, ``furniture``.
     layer : ndarray of shape (E,), int64
         Index into `layer_names`.
     width : ndarray of shape (E,), float64
