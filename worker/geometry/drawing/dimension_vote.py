@@ -106,7 +106,7 @@ def dimension_witnesses(
     out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
     out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
     chosen = (sized or camps)[0]
-    return (*out, *_others(heard, chosen[1], chosen[0]))
+    return (*out, *_others(heard, chosen, out))
 
 
 def largest_camp(dimensions: Sequence[Dimension], *, unit: float) -> Camp | None:
@@ -228,19 +228,20 @@ def _witness(camp: Camp, *, sure: bool) -> Witness:
     )
 
 
-def _others(heard: Sequence[Dimension], camp: Camp, unit: float) -> list[Witness]:
-    """Return the sure dimensions that do not belong to a camp, each scale once and none near the camp's.
+def _others(heard: Sequence[Dimension], chosen: tuple[float, Camp], said: Sequence[Witness]) -> list[Witness]:
+    """Return the sure dimensions that do not belong to a camp, each scale once and none that was said.
 
     A camp is far narrower than the agreement of witnesses: a text cut short may come near it, and is no
     second voice.
     """
+    unit, camp = chosen
     inside = {id(d) for d, _ in camp.members}
     out: list[Witness] = []
     for d in heard:
         if id(d) in inside or d.spans[0].quality < _SURE:
             continue
         value = d.metres(unit) / d.spans[0].length
-        if any(w.allows(value) for w in out) or _near(value, camp.metres_per_px):
+        if any(_near(w.value, value) for w in (*said, *out)):
             continue
         detail = f"The text {d.text} over a line of {d.spans[0].length:.0f} pixels."
         out.append(Witness("dimension-text", value, value, detail))
