@@ -5,16 +5,16 @@ from __future__ import annotations
 from dataclasses import dataclass
 from itertools import combinations
 
+import cv2
+import numba
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import cKDTree
 
 from worker.geometry.drawing.strokes import Strokes
 
 THINNEST, THICKEST = 0.05, 0.5
 _STEP = 0.05
-_PARALLEL_SINE = np.sin(np.radians(4.0))
-_SAME_PLACE = 0.04
+_PARALLEL_SINE = float(np.sin(np.radians(4.0)))
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,42 +42,72 @@ def find_pairs(strokes: Strokes, metres_per_px: float, *, among: NDArray[np.bool
 
     Notes
     -----
-    Parallel is within 4 degrees. Each stroke is sampled every 5 cm; a sample looks for the nearest sample
-    of a parallel stroke on each of its sides.
+    Parallel is within 4 degrees. The strokes are drawn with their numbers; from each one, every 5 cm, a ray
+    is sent to either side, and the first parallel stroke that it meets is the neighbour there.
     """
     wanted = np.arange(len(strokes)) if among is None else np.flatnonzero(among)
-    xy, owner, direction = _samples(strokes.take(wanted), metres_per_px)
-    owner = wanted[owner]
-    if not len(xy):
+    if not len(wanted):
         none = np.zeros(0, dtype=np.int64)
         return Pairs(none, none, np.zeros(0), np.zeros(0))
-    near = cKDTree(xy).query_pairs(THICKEST + _STEP, output_type="ndarray")
-    a, b = near.T
-    a, b = np.concatenate([a, b]), np.concatenate([b, a])
-    keep = owner[a] != owner[b]
-    a, b = a[keep], b[keep]
-    gap = xy[b] - xy[a]
-    along = np.abs((gap * direction[a]).sum(axis=1))
-    across = direction[a, 0] * gap[:, 1] - direction[a, 1] * gap[:, 0]
-    sine = np.abs(direction[a, 0] * direction[b, 1] - direction[a, 1] * direction[b, 0])
-    keep = (sine < _PARALLEL_SINE) & (along <= _STEP * 0.75) & (np.abs(across) >= THINNEST * 0.8)
-    a, b, across = a[keep], b[keep], across[keep]
-    side = 2 * a + (across > 0)
-    order = np.lexsort((np.abs(across), side))
-    nearest = order[np.append(True, np.diff(side[order]) != 0)] if len(order) else order
-    return _counted(owner[a[nearest]], owner[b[nearest]], np.abs(across[nearest]), len(strokes))
+    chosen = strokes.take(wanted)
+    low = np.floor(chosen.ends.min(axis=(0, 1))) - 2.0
+    ends = chosen.ends - low
+    size = (np.ceil(ends.max(axis=(0, 1))) + 3.0).astype(int)
+    numbers = np.zeros((int(size[1]), int(size[0])), dtype=np.int32)
+    for k, (a, b) in enumerate(np.rint(ends).astype(int).tolist()):
+        cv2.line(numbers, a, b, k + 1)
+    xy, owner = _samples(ends, _STEP / metres_per_px)
+    met, far = _first_parallel(numbers, xy, owner, chosen.direction, ends[:, 0], THICKEST / metres_per_px)
+    source, side = np.nonzero(met >= 0)
+    far_m = far[source, side] * metres_per_px
+    return _counted(wanted[owner[source]], wanted[met[source, side]], far_m, len(strokes))
 
 
-def _samples(
-    strokes: Strokes, metres_per_px: float
-) -> tuple[NDArray[np.float64], NDArray[np.int64], NDArray[np.float64]]:
-    length = strokes.length * metres_per_px
-    count = np.maximum(1, np.ceil(length / _STEP)).astype(np.int64)
-    owner = np.repeat(np.arange(len(strokes)), count)
+def _samples(ends: NDArray[np.float64], step: float) -> tuple[NDArray[np.float64], NDArray[np.int64]]:
+    """Return points every `step` along the strokes, and the number of the stroke of each."""
+    along = ends[:, 1] - ends[:, 0]
+    count = np.maximum(1, np.ceil(np.hypot(along[:, 0], along[:, 1]) / step)).astype(np.int64)
+    owner = np.repeat(np.arange(len(ends), dtype=np.int64), count)
     first = np.repeat(np.cumsum(count) - count, count)
     share = (np.arange(len(owner)) - first + 0.5) / count[owner]
-    start, end = strokes.ends[owner, 0], strokes.ends[owner, 1]
-    return (start + (end - start) * share[:, None]) * metres_per_px, owner, strokes.direction[owner]
+    return np.asarray(ends[owner, 0] + along[owner] * share[:, None], dtype=np.float64), owner
+
+
+@numba.njit(cache=True)
+def _first_parallel(  # pragma: no cover - compiled
+    numbers: NDArray[np.int32],
+    xy: NDArray[np.float64],
+    owner: NDArray[np.int64],
+    direction: NDArray[np.float64],
+    start: NDArray[np.float64],
+    reach: float,
+) -> tuple[NDArray[np.int64], NDArray[np.float64]]:
+    """Return, for each point and side, the first parallel stroke that a ray across meets, and how far."""
+    height, width = numbers.shape
+    met = np.full((len(xy), 2), -1, dtype=np.int64)
+    far = np.zeros((len(xy), 2))
+    for k in range(len(xy)):
+        own = owner[k]
+        dx, dy = direction[own, 0], direction[own, 1]
+        for side in range(2):
+            sign = 1.0 if side == 0 else -1.0
+            nx, ny = -dy * sign, dx * sign
+            t = 1.0
+            while t <= reach + 1.0:
+                column, row = int(np.rint(xy[k, 0] + nx * t)), int(np.rint(xy[k, 1] + ny * t))
+                if row < 0 or column < 0 or row >= height or column >= width:
+                    break
+                other = numbers[row, column] - 1
+                if other >= 0 and other != own:
+                    ex, ey = direction[other, 0], direction[other, 1]
+                    if abs(dx * ey - dy * ex) < _PARALLEL_SINE:
+                        across = (xy[k, 0] - start[other, 0]) * ey - (xy[k, 1] - start[other, 1]) * ex
+                        if abs(abs(across) - t) <= 2.0:
+                            met[k, side] = other
+                            far[k, side] = abs(across)
+                            break
+                t += 0.5
+    return met, far
 
 
 def _counted(a: NDArray[np.int64], b: NDArray[np.int64], distance: NDArray[np.float64], count: int) -> Pairs:

@@ -13,16 +13,16 @@ from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing import cleanup, pens
 from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
-from worker.geometry.drawing.pairs import Pairs, find_pairs, regular_patterns
+from worker.geometry.drawing.pairs import find_pairs, regular_patterns
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale import Scale
 from worker.geometry.drawing.strokes import Strokes, find_strokes
+from worker.geometry.drawing.style import is_filled
 from worker.geometry.drawing.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
 
 Progress = Callable[[str, float], None]
 
 _ASSUMED_EXTENT = 30.0
-_FILLED_SHARE = 0.3
 _MOST_DUST = 5_000
 _MOSTLY_FACE = 0.3
 _LEAST_PARTITION, _LEAST_REST = 0.5, 0.1
@@ -128,33 +128,44 @@ def _sort_out(
     bars, columns, blots = filled_walls(ink, thick)
     sorting.removed += [RemovedStroke((line,), "blot", _REASONS["blot"]) for line in blots]
     tell("pairs", 0.7)
-    pairs = find_pairs(strokes, m, among=sorting.candidates)
-    sorting.put("pattern", regular_patterns(strokes, pairs))
-    least = pens.lightest_wall_pen(strokes, pairs, sorting.candidates, m)
-    sorting.put("light-pen", strokes.weight < least)
     in_thick = _mostly_in(strokes, thick)
-    if sum(w.length for w in bars) >= _FILLED_SHARE * float(strokes.length[sorting.candidates].sum() * m):
+    if is_filled(sorting.strokes, bars, sorting.candidates & ~in_thick, ink):
         sorting.put("thin", ~in_thick)
         walls, style = bars, "filled"
     else:
-        lines, style = _line_walls(sorting, pairs, sorting.candidates & ~in_thick)
+        _set_light_aside(sorting, in_thick)
+        lines, style = _line_walls(sorting, thick)
         walls = bars + lines
-    return walls, columns, sorting.removed + _removed(ink, strokes, sorting.layer), style
+    return walls, columns, sorting.removed + _removed(ink, sorting.strokes, sorting.layer), style
 
 
-def _line_walls(sorting: _Sorting, pairs: Pairs, candidates: NDArray[np.bool_]) -> tuple[list[Wall], str]:
+def _set_light_aside(sorting: _Sorting, in_thick: NDArray[np.bool_]) -> None:
+    """Set regular rows and what a light pen drew aside; cut strokes where the pen changes."""
+    ink, m = sorting.ink, sorting.ink.metres_per_px
+    pairs = find_pairs(sorting.strokes, m, among=sorting.candidates)
+    sorting.put("pattern", regular_patterns(sorting.strokes, pairs))
+    least = pens.lightest_wall_pen(sorting.strokes, pairs, sorting.candidates & ~in_thick, m)
+    cut, origin = pens.split_where_lighter(ink, sorting.strokes, least)
+    sorting.strokes, sorting.layer = cut, sorting.layer[origin]
+    sorting.put("light-pen", cut.weight < least)
+
+
+def _line_walls(sorting: _Sorting, thick: NDArray[np.bool_]) -> tuple[list[Wall], str]:
     """Return walls drawn in outline or as single lines, and which of the two prevails; note every rest."""
     ink, strokes = sorting.ink, sorting.strokes
     m = ink.metres_per_px
+    candidates = sorting.candidates & ~_mostly_in(strokes, thick)
+    pairs = find_pairs(strokes, m, among=candidates)
     outlined, used = outlined_walls(ink, strokes, pairs, candidates)
     share = np.array([cells.mean() for cells in used])
+    own_pen = pens.like_most(strokes, share > _MOSTLY_FACE)
     singles = single_walls(ink, strokes, candidates, share > _MOSTLY_FACE)
     alone = []
     for i in np.flatnonzero(candidates):
         for piece in rest(strokes.ends[i], used[i]):
             length = float(np.hypot(*(piece[1] - piece[0])) * m)
             line = ink.to_drawing(piece)
-            if singles[i] and length >= _LEAST_PARTITION:
+            if singles[i] and own_pen[i] and length >= _LEAST_PARTITION:
                 alone.append(Wall.of(line, thickness=float(strokes.width[i] * m), kind="partition"))
             elif length >= _LEAST_REST:
                 sorting.removed.append(RemovedStroke((line,), "loose", _REASONS["loose"]))

@@ -1,0 +1,34 @@
+"""How a drawing shows its walls: filled, in outline, or as single lines."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+
+from worker.geometry.drawing.ink import Ink
+from worker.geometry.drawing.pairs import find_pairs
+from worker.geometry.drawing.pens import paired_length
+from worker.geometry.drawing.reading import Wall
+from worker.geometry.drawing.strokes import Strokes
+
+_SPAN = 0.5
+_SHARE_OF_LINES, _SHARE_OF_PAIRS = 0.12, 0.6
+
+
+def is_filled(strokes: Strokes, bars: list[Wall], lines: NDArray[np.bool_], ink: Ink) -> bool:
+    """Return whether the walls are the `bars`, and the thin `lines` are not.
+
+    Filled walls span the drawing, are a fair part of all that is drawn, and are longer than the walls that
+    the thin lines would make: half the length of those that run in pairs.
+    """
+    if not bars:
+        return False
+    length = strokes.length * ink.metres_per_px
+    filled = sum(w.length for w in bars)
+    tips = np.concatenate([w.centre for w in bars])
+    everything = ink.to_drawing(strokes.ends.reshape(-1, 2))
+    wide = np.ptp(np.percentile(everything, [5, 95], axis=0), axis=0)
+    if (np.ptp(tips, axis=0) < _SPAN * wide).any() or filled < _SHARE_OF_LINES * float(length[lines].sum()):
+        return False
+    pairs = find_pairs(strokes, ink.metres_per_px, among=lines)
+    return filled >= _SHARE_OF_PAIRS * paired_length(pairs, lines, length) / 2.0
