@@ -33,14 +33,14 @@ class AcceptancePolicy:
     largest_contradicted_share : float
         More structure than this behind walls of the map, as seen from where the scan began, speaks
         against the pose.
-    excusing_inlier_share : float
-        Not so where this share of the structure lies on the map: then the tablet walked around corners.
-    largest_sensitivity_m, largest_sensitivity_on_few_m : float
+    excusing_inlier_share, excusing_surfaces : float, int
+        Not so where this share of the structure lies on the map, on so many distinct walls: then the tablet
+        walked around corners.
+    largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
-        that the drawing's own errors are magnified, unseen. The second holds for a scan on no more than
-        `least_upright_surfaces` walls, which another corner of the building may offer as well.
-    runner_up_ratio : float
-        A runner-up that explains this share of what the pose explains makes the pose ambiguous.
+        that the drawing's own errors are magnified, unseen.
+    runner_up_margin : float
+        A runner-up that explains the structure but for this share as well as the pose makes it ambiguous.
     least_agreement : float
         Least share of the starts that end at the pose.
     largest_move_m, largest_turn_rad, largest_tilt_rad : float
@@ -48,16 +48,16 @@ class AcceptancePolicy:
     """
 
     rejected_inlier_share: float = 0.35
-    accepted_inlier_share: float = 0.6
+    accepted_inlier_share: float = 0.8
     accepted_share_of_all: float = 0.4
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.06
     excusing_inlier_share: float = 0.85
+    excusing_surfaces: int = 5
     largest_sensitivity_m: float = 0.045
-    largest_sensitivity_on_few_m: float = 0.03
-    runner_up_ratio: float = 0.85
+    runner_up_margin: float = 0.1
     least_agreement: float = 0.4
     largest_move_m: float = 3.5
     largest_turn_rad: float = math.radians(50.0)
@@ -151,7 +151,10 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
         )
-    walked = e.inlier_share_of_structure >= policy.excusing_inlier_share
+    walked = (
+        e.inlier_share_of_structure >= policy.excusing_inlier_share
+        and e.upright_surfaces >= policy.excusing_surfaces
+    )
     if e.contradicted_share > policy.largest_contradicted_share and not walked:
         doubts.append(
             f"{e.contradicted_share:.0%} of the scanned structure was seen through the map's walls."
@@ -171,16 +174,14 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
             f"The scan rests on {e.upright_surfaces} upright surfaces; with fewer than "
             f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
         )
-    on_few = e.upright_surfaces <= policy.least_upright_surfaces
-    limit = policy.largest_sensitivity_on_few_m if on_few else policy.largest_sensitivity_m
-    if not e.position_sensitivity_m <= limit:
+    if not e.position_sensitivity_m <= policy.largest_sensitivity_m:
         doubts.append(
             "The walls seen hold the position from too few sides: "
             "if they stand 3 cm from where the map has them, "
             f"it is {e.position_sensitivity_m * 100:.1f} cm off. Scan more of the room."
         )
     runner_up = e.runner_up_inlier_share
-    if runner_up is not None and runner_up > policy.runner_up_ratio * e.inlier_share_of_structure:
+    if runner_up is not None and runner_up > e.inlier_share_of_structure - policy.runner_up_margin:
         doubts.append(
             f"Another pose, {e.runner_up_distance_m or 0.0:.2f} m and "
             f"{math.degrees(e.runner_up_turn_rad or 0.0):.1f} degrees away, fits almost as well."

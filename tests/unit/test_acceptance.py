@@ -35,7 +35,6 @@ DOUBTS: list[tuple[dict[str, Any], str]] = [
     ({"upright_surfaces": 2}, "third wall"),
     ({"position_sensitivity_m": 0.1}, "too few sides"),
     ({"position_sensitivity_m": math.inf}, "too few sides"),
-    ({"position_sensitivity_m": 0.035, "upright_surfaces": 3}, "too few sides"),
     ({"runner_up_inlier_share": 0.9, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1}, "Another pose"),
     ({"starts_agreeing": 1}, "1 of 7 starts"),
     ({"moved_m": 8.0}, "from the rough pose"),
