@@ -21,8 +21,8 @@ _UNITS = {
     "ft": 0.3048, "feet": 0.3048, "foot": 0.3048, "'": 0.3048,
 }  # fmt: skip
 _LABEL = re.compile(r"^(?P<number>\d{1,4}(?:[.,]\d{1,2})?)\s*(?P<unit>[a-zè米]+|')?\.?$", re.IGNORECASE)
-_REACH, _ROW = 40.0, 0.6
-_LEAST_LABELS, _LEAST_LENGTH, _FIT = 3, 6.0, 0.02
+_REACH, _ROW = 120.0, 0.6
+_LEAST_LABELS, _LEAST_LENGTH, _FIT = 3, 6.0, 0.03
 _MOST_ANCHORS, _MOST_SINGLES, _SURE = 12, 24, 0.6
 _BAR_SHARE = 0.6
 
@@ -57,8 +57,8 @@ def bar_witnesses(
     out: list[Witness] = []
     for anchor in anchors:
         row = _row(ink, anchor, read, recognise)
-        witness = _fit(row, ink.factor)
-        if witness is not None and _has_bar(ink, anchor, row):
+        witness = _fit(ink, anchor, row)
+        if witness is not None:
             out.append(witness)
     distinct = {round(float(np.log(w.value)) / 0.01): w for w in out}
     return tuple(distinct.values())
@@ -130,8 +130,8 @@ def _singles(ink: InkMap, anchor: TextLine, taken: set[int]) -> list[TextLine]:
     ]
 
 
-def _fit(row: list[_Label], factor: int) -> Witness | None:
-    """Return the scale of a row whose numbers rise from 0 in proportion to their places."""
+def _fit(ink: InkMap, anchor: TextLine, row: list[_Label]) -> Witness | None:
+    """Return the scale of a row whose numbers rise from 0 in proportion to their places over a bar."""
     units = {label.unit for label in row if label.unit is not None}
     zeros = [i for i, label in enumerate(row) if label.value == 0]
     if len(units) != 1 or not zeros:
@@ -143,21 +143,28 @@ def _fit(row: list[_Label], factor: int) -> Witness | None:
     if len(rising) < _LEAST_LABELS:
         return None
     at, value = np.array([r.at for r in rising]), np.array([r.value for r in rising])
-    slope, shift = np.polyfit(at, value, 1)
-    off = np.abs(slope * at + shift - value).max()
-    if slope <= 0 or off > _FIT * value[-1]:
+    slope, shift = np.polyfit(value, at, 1)
+    off = float(np.abs(slope * value + shift - at).max())
+    if slope <= 0 or off > _FIT * slope * value[-1]:
         return None
-    metres = float(slope) * next(iter(units)) / factor
+    ends = _bar(ink, anchor, float(shift), float(slope * value[-1] + shift))
+    if ends is None:
+        return None
+    metres = float(value[-1]) * next(iter(units)) / (ends[1] - ends[0]) / ink.factor
     names = ", ".join(f"{v:g}" for v in value)
     return Witness("scale-bar", metres, metres, f"A scale bar with the numbers {names}.")
 
 
-def _has_bar(ink: InkMap, anchor: TextLine, row: list[_Label]) -> bool:
-    """Return whether a line or bar runs under or over a row of numbers, as long as the row."""
-    places = [label.at for label in row if label.value >= 0]
-    if max(places) - min(places) < _LEAST_LENGTH * anchor.height:
-        return False
-    t = np.arange(min(places), max(places))
+def _bar(ink: InkMap, anchor: TextLine, low: float, high: float) -> tuple[float, float] | None:
+    """Return from where to where a line or bar runs under or over a row of numbers, None without one.
+
+    It has to begin and end within a letter's height of where the numbers say: `low` and `high`, along the row
+    from the anchor's middle.
+    """
+    if high - low < _LEAST_LENGTH * anchor.height:
+        return None
+    slack = anchor.height
+    t = np.arange(low - 2 * slack, high + 2 * slack + 1)
     o = np.arange(-3.0 * anchor.height, 3.0 * anchor.height + 1)
     across = np.array([-anchor.along[1], anchor.along[0]])
     x = np.rint(anchor.x + anchor.along[0] * t[None, :] + across[0] * o[:, None]).astype(int)
@@ -165,4 +172,9 @@ def _has_bar(ink: InkMap, anchor: TextLine, row: list[_Label]) -> bool:
     inside = (x >= 0) & (y >= 0) & (x < ink.mask.shape[1]) & (y < ink.mask.shape[0])
     hit = np.zeros(x.shape, dtype=np.bool_)
     hit[inside] = ink.mask[y[inside], x[inside]] > 0
-    return bool((hit.mean(axis=1) >= _BAR_SHARE).any())
+    within = (t >= low) & (t <= high)
+    for bar in hit[hit[:, within].mean(axis=1) >= _BAR_SHARE]:
+        drawn = t[bar]
+        if abs(drawn[0] - low) <= slack and abs(drawn[-1] - high) <= slack:
+            return float(drawn[0]), float(drawn[-1])
+    return None

@@ -301,7 +301,7 @@ def _joined(ink: InkMap, lines: list[TextLine]) -> list[TextLine]:
     high = np.maximum(a[:, 3], b[:, 3])
     gap = np.abs((offset * along).sum(axis=1)) - (a[:, 2] + b[:, 2]) / 2
     across = np.abs(offset[:, 1] * along[:, 0] - offset[:, 0] * along[:, 1])
-    fits = (gap <= _SPACE * high) & (gap > -0.3 * high) & (across <= 0.3 * high)
+    fits = (gap <= _SPACE * high) & (gap > -1.5 * high) & (across <= 0.3 * high)
     fits &= (np.abs(np.sin(a[:, 4] - b[:, 4])) <= 0.12) & (high <= 1.5 * np.minimum(a[:, 3], b[:, 3]))
     graph = coo_matrix((np.ones(int(fits.sum())), (i[fits], j[fits])), shape=(len(lines), len(lines)))
     count, label = connected_components(graph, directed=False)
