@@ -45,7 +45,7 @@ def scan(
 def free_points(
     scene: Scene, candidates: NDArray[np.float64], *, count: int, clearance: float
 ) -> NDArray[np.float64]:
-    """Return the first `count` of (N, 2) candidates where a robot can stand, as (count, 3) sensor positions."""
+    """Return the first `count` (N, 2) candidates where a robot can stand, as (count, 3) sensor positions."""
     angles = np.linspace(0.0, 2.0 * np.pi, 72, endpoint=False)
     around = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(72)])
     out: list[NDArray[np.float64]] = []
