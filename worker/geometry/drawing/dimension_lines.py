@@ -218,6 +218,8 @@ def _ends(
     ink = _sample(lines, xy[0], xy[1])
     own = max(1.0, float(np.median(_thickness(ink, o)[(t >= low) & (t <= high)])))
     beside = np.abs(o) > own / 2 + 1.0
+    if not (beside & (o < 0)).any() or not (beside & (o > 0)).any():
+        return []  # as thick as the text is tall: no dimension line
     steady = ink.copy()
     steady[1:] |= ink[:-1]
     steady[:-1] |= ink[1:]

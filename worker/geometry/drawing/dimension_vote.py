@@ -19,6 +19,7 @@ _SAME_LENGTH = 0.05
 _LOG_RANGE, _BY_CHANCE = 3.0, 0.02
 _SURE, _MOST_OTHERS = 0.5, 8
 _LETTER_LOW, _LETTER_HIGH = 0.05, 0.9
+_UNIT_IS_WRITTEN = 2.5
 _EXTENT_LOW, _EXTENT_HIGH = 2.0, 1000.0
 _USUAL_LETTER, _LETTER_SPREAD = 0.2, 0.6
 _USUAL_LENGTH, _LENGTH_SPREAD = 4.0, 1.0
@@ -181,7 +182,9 @@ def _chance(heard: int, agreeing: int, options: float, tolerance: float) -> floa
 def _plausible(camp: Camp, extent: float | None) -> bool:
     """Return whether letters and building have a possible size at a camp's scale."""
     letter = float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
-    if not _LETTER_LOW <= letter <= _LETTER_HIGH:
+    guessed = any(d.measure.form == "integer" for d, _ in camp.members)
+    slack = 1.0 if guessed else _UNIT_IS_WRITTEN
+    if not _LETTER_LOW / slack <= letter <= _LETTER_HIGH * slack:
         return False
     return extent is None or _EXTENT_LOW <= extent * camp.metres_per_px <= _EXTENT_HIGH
 

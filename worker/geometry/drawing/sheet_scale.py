@@ -28,7 +28,7 @@ Progress = Callable[[str, float], None]
 
 _MOST_READ, _AT_A_TIME, _MOST_MEASURED = 260, 24, 200
 _MOST_COLUMNS, _MOST_FLIPPED = 22_000, 24
-_BARREN, _FEW = 72, 4
+_BARREN, _FEW = 48, 3
 _READ, _SURE_NUMBER, _SET_ASIDE = 0.5, 0.75, 0.8
 
 
