@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import io
+import zipfile
+
 import pytest
 
 from service.domain.bounds import Bounds
@@ -18,6 +21,16 @@ from service.domain.errors import (
 from service.domain.headers import check_header
 from service.domain.media import HEAD_BYTES, JPEG, Purpose, accept, recognise
 from tests import files
+
+
+def _zipped(*names: str) -> bytes:
+    """Return the beginning of a ZIP with entries of these names."""
+    file = io.BytesIO()
+    with zipfile.ZipFile(file, "w") as archive:
+        for name in names:
+            archive.writestr(name, "")
+    return file.getvalue()
+
 
 KINDS = {
     b"\x89PNG\r\n\x1a\n": "image/png",
@@ -40,7 +53,20 @@ KINDS = {
     b"# Blender\nmtllib a.mtl\no Cube\nv 1 2 3\n": "model/obj",
     b"LASF\0\0": "application/vnd.las",
     b"ASTM-E57\x01": "model/e57",
+    b"RIFF\x10\0\0\0WEBPVP8 ": "image/webp",
+    b"P5\n# CREATOR: map_saver\n40 30\n255\n\0\1": "image/x-portable-graymap",
+    b"P2 4 4 255 1 2": "image/x-portable-graymap",
+    b"image: map.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n": "application/vnd.groundplan.ros-map",
+    b"# by hand\nresolution: 0.05\nimage: map.pgm\n": "application/vnd.groundplan.ros-map",
+    b"coordinate_system: reference_image\nlevels:\n  L1:\n": "application/vnd.groundplan.building",
+    b"AutoCAD Binary DXF\r\n\x1a\0": "image/vnd.dxf",
+    b'<svg xmlns="http://www.w3.org/2000/svg">': "image/svg+xml",
+    b'<!-- a note --><!DOCTYPE svg [<!ENTITY a "b">]><svg>': "image/svg+xml",
     b"PK\x03\x04": "application/zip",
+    _zipped("word/document.xml", "map.docx"): "application/zip",
+    _zipped("maps/", "maps/map.yaml", "maps/map.pgm"): "application/vnd.groundplan.ros-map+zip",
+    _zipped("map.png", "map.yaml"): "application/vnd.groundplan.ros-map+zip",
+    _zipped("scan.usdc"): "application/zip",
     b"1.0 2.0 3.0\n": "text/plain",
     b"<!DOCTYPE html><html>": "text/html",
     b"\0\1\2\3": "application/octet-stream",
