@@ -18,9 +18,10 @@ _PLACES = 9
 _CUT_SHORTEST, _CUT_STEP, _CUT_LEAST_CELLS = 0.3, 0.05, 3
 _STEP = 0.06
 _SHORTEST, _SIDE_BY_SIDE, _NARROWEST = 0.4, 0.5, 0.07
-_LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.15, 0.5, 0.07
+_LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.15, 0.4, 0.1
 _LIGHT, _HEAVY_END = 0.6, 0.6
 _ALIKE = 1.34
+_ONE_PEN = float(np.log(1.4))
 
 
 def weigh(ink: Ink, strokes: Strokes, *, places: int = _PLACES) -> Strokes:
@@ -144,10 +145,10 @@ def lightest_wall_pen(
 ) -> float:
     """Return the least weight of a stroke that may be a wall's.
 
-    Draughtsmen cut walls with a heavier pen than what stands in the rooms. Of all limits between pens, the
-    one is taken above which the largest share of the length runs in pairs at a wall's thickness, if these
-    strokes span the drawing and hold a fair part of all pairs, and the share is clearly larger than without
-    any limit. Where no limit is so good, strokes under 60 % of the heavy end of the paired strokes are light.
+    Draughtsmen cut walls with a heavier pen than what stands in the rooms. Of all pens (weights up to 1.4 of
+    the least), the one is taken of whose strokes the largest share runs in pairs at a wall's thickness, if
+    they span the drawing and hold a fair part of all pairs, and the share is clearly larger than that of
+    all strokes. Where no limit is so good, strokes under 60 % of the heavy end of the paired strokes are light.
     """
     length = strokes.length * metres_per_px
     use = candidates & (length >= _SHORTEST)
@@ -160,8 +161,9 @@ def lightest_wall_pen(
     shares, best = [], 0
     for k, cut in enumerate(cuts):
         heavy = use & (weight >= cut)
-        paired = paired_length(pairs, heavy, length)
-        shares.append((paired / max(float(length[heavy].sum()), 1e-9), paired))
+        pen = heavy & ((weight <= cut + _ONE_PEN) | (k == 0))
+        paired = paired_length(pairs, heavy, np.where(pen, length, 0.0))
+        shares.append((paired / max(float(length[pen].sum()), 1e-9), paired))
         spans = heavy.any() and bool((_span(strokes, heavy) >= _LEAST_SPAN * span).all())
         if spans and paired >= _LEAST_PAIRED * shares[0][1] and shares[k][0] > shares[best][0]:
             best = k
