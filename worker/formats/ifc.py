@@ -26,11 +26,12 @@ CUT_HEIGHT = 1.2
 """Where a storey is cut unless it is said [m above its floor]."""
 
 _DOOR_REACH = 0.35
+_WIDEST_GLAZING = 0.6
 _HEAD, _TAIL = b"ISO-10303-21;", b"END-ISO-10303-21;"
 _LOOKED_AT = 65_536
 _DOOR_WIDTH, _DOOR_HEIGHT = (0.5, 3.0), (1.7, 3.2)
-_WALL_THICKNESS = (0.04, 0.6)
-_WALL_HEIGHT = (0.8, 15.0)
+_WALL_THICKNESS = (0.03, 1.2)
+_WALL_HEIGHT = (1.5, 12.0)
 _STOREY_HEIGHT = (2.1, 6.0)
 _REASONS = {
     "door": "a door of the model ({cls}): its opening stays open",
@@ -206,7 +207,7 @@ def _glazed(areas: list[Any]) -> Any:
         corners = np.asarray(box.exterior.coords)[:3]
         short, _long = sorted(np.hypot(*np.diff(corners, axis=0).T))
         along = shapely.buffer(whole, short, cap_style="flat", join_style="mitre")
-        if short <= _WALL_THICKNESS[1] and shapely.intersection(along, box).area > 0.999 * box.area:
+        if short <= _WIDEST_GLAZING and shapely.intersection(along, box).area > 0.999 * box.area:
             return shapely.intersection(box, along)
     closed = shapely.buffer(whole, 0.06, join_style="mitre", mitre_limit=2.0)
     return shapely.buffer(closed, -0.06, join_style="mitre", mitre_limit=2.0)
