@@ -52,6 +52,9 @@ class PlacementEvidence:
     contradicted_share : float
         Share of the upright structure that stands behind a wall of the map as seen from the scan's origin.
         A tablet carried through a door sees such things rightly.
+    astray_share : float
+        Share of the upright structure that lies on no surface of the map and stands in no room of it either,
+        as an object would: behind a wall, or where no wall follows. 0 on a cloud, which has no rooms.
     upright_surfaces : int
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
     poses_compared : int
@@ -86,6 +89,7 @@ class PlacementEvidence:
     position_sensitivity_m: float
     yaw_sensitivity_rad: float
     contradicted_share: float
+    astray_share: float
     upright_surfaces: int
     poses_compared: int
     starts: int

@@ -18,7 +18,8 @@ GOOD = PlacementEvidence(
     overlap_share=0.99, euclidean_fitness_score_m2=0.02, transformation_probability=1.9,
     nearest_voxel_transformation_likelihood=1.7, ndt_resolution_m=1.0,
     information_eigenvalues=(0.08, 0.1, 0.1, 0.2, 0.2, 0.3), weak_directions=(),
-    position_sensitivity_m=0.022, yaw_sensitivity_rad=0.005, contradicted_share=0.0, upright_surfaces=5,
+    position_sensitivity_m=0.022, yaw_sensitivity_rad=0.005, astray_share=0.0,
+    contradicted_share=0.0, upright_surfaces=5,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
     runner_up_inlier_share=None, moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
 )  # fmt: skip

@@ -90,6 +90,7 @@ def gather_evidence(
         position_sensitivity_m=shift,
         yaw_sensitivity_rad=turn,
         contradicted_share=best.contradicted,
+        astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
         poses_compared=tried,
         starts=starts,
@@ -110,3 +111,14 @@ def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
     if not len(structure):
         return 0.0
     return float(np.mean(problem.target.seen_through(structure, viewpoint=viewpoint)))
+
+
+def _astray(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+    """Return the share of the structure that is on no face and, unlike an object, in no room either."""
+    faces, structure = problem.target.faces, fit.structure
+    if faces is None or not structure.any():
+        return 0.0
+    loose = fit.placed[structure & ~fit.inlier, :2]
+    eye = pose.apply(problem.scan.viewpoint[None])[0, :2]
+    in_room = faces.backs(eye, loose) & ~faces.hidden_from(eye, loose)
+    return float(np.count_nonzero(~in_room) / np.count_nonzero(structure))

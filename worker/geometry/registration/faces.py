@@ -87,21 +87,32 @@ class Faces:
         clearance : float
             The face is crossed at least so far before the point [m].
         """
-        return _hidden(
-            self.begin, self.end, np.ascontiguousarray(eye), np.ascontiguousarray(points), clearance
+        return _crossed(
+            self.begin, self.end, np.ascontiguousarray(eye), np.ascontiguousarray(points), 0.0, -clearance
+        )
+
+    def backs(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
+        """Return which points (N, 2) [m] have a face behind them, seen from `eye` (2,)."""
+        return _crossed(
+            self.begin, self.end, np.ascontiguousarray(eye), np.ascontiguousarray(points), 1.0, np.inf
         )
 
 
 @njit(cache=True)
-def _hidden(
+def _crossed(
     begin: NDArray[np.float64],
     end: NDArray[np.float64],
     eye: NDArray[np.float64],
     points: NDArray[np.float64],
-    clearance: float,
+    least: float,
+    beyond: float,
 ) -> NDArray[np.bool_]:
-    """Return for each point whether a segment crosses the line of sight before it."""
-    hidden = np.zeros(len(points), dtype=np.bool_)
+    """Return for each point whether a segment crosses its line of sight.
+
+    The crossing lies farther from the eye than `least` times the distance of the point, and nearer than that
+    distance plus `beyond` [m].
+    """
+    crossed = np.zeros(len(points), dtype=np.bool_)
     for n in range(len(points)):
         rx, ry = points[n, 0] - eye[0], points[n, 1] - eye[1]
         length = np.hypot(rx, ry)
@@ -112,7 +123,7 @@ def _hidden(
             if abs(across) < 1e-12:
                 continue
             t, u = (tx * ay - ty * ax) / across, (tx * ry - ty * rx) / across
-            if t > 0.0 and t * length < length - clearance and 0.0 <= u <= 1.0:
-                hidden[n] = True
+            if least < t and t * length < length + beyond and 0.0 <= u <= 1.0:
+                crossed[n] = True
                 break
-    return hidden
+    return crossed
