@@ -8,6 +8,7 @@ from pathlib import Path
 
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
+from service.domain.edits import LAYERS
 from service.domain.errors import UnsupportedMedia
 from service.domain.media import (
     BMP,
@@ -31,12 +32,15 @@ from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.confidence import judge
 from worker.geometry.drawing.edits import apply_edits
 from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.page_scale import find_page_scale
 from worker.geometry.drawing.plans import several_plans
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
 from worker.geometry.drawing.sheet import Sheet
 from worker.geometry.drawing.sheet_kind import check_sheet
 from worker.geometry.drawing.sheet_scale import find_sheet_scale
+from worker.geometry.drawing.units import find_unit
+from worker.geometry.drawing.vector_walls import read_linework
 
 Progress = Callable[[str, float], None]
 
@@ -75,7 +79,8 @@ def read_drawing_file(
     tell("load", 0.0)
     file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
     loaded = _load(file)
-    reading = apply_edits(_read(loaded, file), options.edits, progress=_part(tell, 0.9, 0.98))
+    reading = _in_known_layers(_read(loaded, file))
+    reading = apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98))
     tell("judge", 0.98)
     return reading if isinstance(loaded, Reading) else _judged(reading)
 
@@ -116,6 +121,12 @@ def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
     return loaded
 
 
+def _in_known_layers(reading: Reading) -> Reading:
+    """Return a reading in which every layer that no edit could name is called ``other``; reasons stay."""
+    removed = tuple(r if r.layer in LAYERS else replace(r, layer="other") for r in reading.removed)
+    return replace(reading, removed=removed)
+
+
 def _judged(reading: Reading) -> Reading:
     """Return a reading with its confidence; a building model that tells its walls itself needs none."""
     plans = several_plans(reading)
@@ -123,7 +134,8 @@ def _judged(reading: Reading) -> Reading:
 
 
 def _read_sheet(sheet: Sheet, file: _File) -> Reading:
-    doubts = check_sheet(sheet.grey)
+    told = {finding.code for finding in sheet.findings}
+    doubts = [finding for finding in check_sheet(sheet.grey) if finding.code not in told]
     found = find_sheet_scale(
         sheet,
         recognise=load_recogniser(threads=2),
@@ -135,8 +147,16 @@ def _read_sheet(sheet: Sheet, file: _File) -> Reading:
     return replace(reading, findings=findings, top=reading.sheet[1])
 
 
-def _read_linework(_linework: Linework, file: _File) -> Reading:
-    raise UnsupportedMedia(f"{file.path.name} is a vector drawing: export the sheet as a PNG image.")
+def _read_linework(linework: Linework, file: _File) -> Reading:
+    find_scale = find_unit if linework.page_mm_per_unit is None else find_page_scale
+    found = find_scale(linework, hint=file.options.scale)
+    reading = read_linework(
+        linework,
+        scale=found.scale,
+        wall_layers=file.options.wall_layers,
+        progress=_part(file.tell, 0.2, 1.0),
+    )
+    return replace(reading, findings=(*reading.findings, *found.findings))
 
 
 # One function a kind; what a kind needs is imported when a file of it comes.
