@@ -5,15 +5,16 @@ from __future__ import annotations
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 
-import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing import cleanup, pens
+from worker.geometry.drawing.dashes import dashed
 from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.pairs import find_pairs, regular_patterns
+from worker.geometry.drawing.parts import measure_parts
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale import Scale
 from worker.geometry.drawing.strokes import Strokes, find_strokes
@@ -31,6 +32,7 @@ _REASONS = {
     "dust": "free-standing and smaller than 4 cm; `counts.dust` tells how many, an even selection is shown",
     "text": "free-standing and smaller than 70 cm: a letter, a number or a symbol",
     "symbol": "free-standing and smaller than 2.4 m, and not in the shape of a wall",
+    "lane": "of a figure whose lines lead from dot to dot: lanes, way points or leaders",
     "dashed": "one of a row of free bars: a dashed line",
     "pattern": "one of at least five parallels at one spacing: stairs, planks or tiles",
     "light-pen": "drawn with a clearly lighter pen than the walls",
@@ -120,11 +122,13 @@ def _sort_out(
     """Return walls, columns, what was set aside, and the style of the drawing."""
     m = ink.metres_per_px
     sorting = _Sorting(ink, strokes, np.full(len(strokes), "", dtype="<U12"), [])
-    parts = cleanup.measure_parts(ink.mask, m)
-    sorting.put("dashed", cleanup.dashed(strokes, parts, m))
+    parts = measure_parts(ink.mask, m)
+    sorting.put("dashed", dashed(strokes, parts, m))
     for name, which in cleanup.small_parts(strokes, parts, m).items():
         sorting.put(name, which)
-    thick = thick_mask(ink, _without_parts(ink, strokes, ~sorting.candidates), _line_width(strokes, m))
+    thick = thick_mask(ink, parts.without(_parts_of(sorting)), _line_width(strokes, m))
+    sorting.put("lane", cleanup.from_dot_to_dot(strokes, parts, thick, m))
+    thick &= parts.without(_parts_of(sorting))
     bars, columns, blots = filled_walls(ink, thick)
     sorting.removed += [RemovedStroke((line,), "blot", _REASONS["blot"]) for line in blots]
     tell("pairs", 0.7)
@@ -173,13 +177,9 @@ def _line_walls(sorting: _Sorting, thick: NDArray[np.bool_]) -> tuple[list[Wall]
     return outlined + alone, "outlined" if prevails else "single-line"
 
 
-def _without_parts(ink: Ink, strokes: Strokes, which: NDArray[np.bool_]) -> NDArray[np.bool_]:
-    """Return the ink without the connected parts that the chosen strokes belong to."""
-    count, labels = cv2.connectedComponents(ink.mask.astype(np.uint8), connectivity=8)
-    kept = np.full(count, fill_value=True)
-    kept[strokes.part[which]] = False
-    kept[0] = False
-    return np.asarray(kept[labels], dtype=np.bool_)
+def _parts_of(sorting: _Sorting) -> NDArray[np.int64]:
+    """Return the connected parts of which something was set aside."""
+    return np.unique(sorting.strokes.part[~sorting.candidates])
 
 
 def _line_width(strokes: Strokes, m: float) -> float:

@@ -63,7 +63,7 @@ def _piers(ink: Ink, thick: NDArray[np.bool_], taken: set[int]) -> tuple[list[Co
     piers: list[int] = []
     for part in range(1, count):
         x, y, w, h, area = stats[part]
-        if part in taken or min(w, h) * m < 0.15 or area < 0.6 * w * h:
+        if part in taken or min(w, h) < max(0.15 / m, 5.0) or area < 0.6 * w * h:
             continue
         one = (labels[y : y + h, x : x + w] == part).astype(np.uint8)
         contours, _ = cv2.findContours(
