@@ -14,7 +14,7 @@ _THINNEST, _THICKEST = 0.05, 0.9
 _LEAST_LENGTH, _LEAST_SHARE = 5.0, 0.5
 _PIER_LOW, _PIER_HIGH = 0.15, 1.5
 _LEAST_MASK = 0.02
-_LARGEST_ARROW = 1.5
+_LARGEST_ARROW, _JOINT = 1.5, 0.003
 _MOST_AREAS = 50_000
 _DARKEST_ZONE = 0xD8
 
@@ -47,7 +47,7 @@ def wall_areas(linework: Linework, unit: float) -> tuple[list[Any], NDArray[np.b
     for e in area_of:
         groups.setdefault((int(linework.layer[e]), int(linework.colour[e])), []).append(e)
     for (_, colour), members in groups.items():
-        like = [e for e in members if _is_wall_like(area_of[e])]
+        like = _wall_like({e: area_of[e] for e in members})
         whole = sum(area_of[e].area for e in members)
         share = sum(area_of[e].area for e in like) / whole if whole > 0 else 0.0
         length = sum(area_of[e].length / 2 for e in like)
@@ -74,16 +74,39 @@ def entity_area(linework: Linework, entity: int, unit: float) -> Any | None:
     return shapely.union_all(parts) if parts else None
 
 
+def _wall_like(areas: dict[int, Any]) -> list[int]:
+    """Return which areas of one colour belong to bodies of a wall's shape, which may come in triangles."""
+    pieces = {e: a for e, a in areas.items() if 2.0 * a.area / max(a.length, 1e-9) <= _THICKEST}
+    if not pieces:
+        return []
+    whole = shapely.union_all(
+        shapely.buffer(list(pieces.values()), _JOINT, join_style="mitre", mitre_limit=1.5)
+    )
+    bodies = shapely.get_parts(whole)
+    good = np.array([_is_wall_like(body) for body in bodies], dtype=np.bool_)
+    tree = shapely.STRtree(bodies)
+    middles = [a.representative_point() for a in pieces.values()]
+    piece, body = tree.query(middles, predicate="intersects")
+    numbers = list(pieces)
+    return [numbers[i] for i in np.unique(piece[good[body]])]
+
+
 def _is_wall_like(area: Any) -> bool:
-    """Return whether an area is a strip or a pier, and no arrowhead."""
+    """Return whether a body is a strip, a net of strips or a pier, and no arrowhead."""
     thickness = 2.0 * area.area / max(area.length, 1e-9)
     box = area.bounds
     side = max(box[2] - box[0], box[3] - box[1])
-    if area.geom_type == "Polygon" and len(area.exterior.coords) <= 4 and side < _LARGEST_ARROW:
+    if side < _LARGEST_ARROW and len(_corners(area)) <= 3:
         return False
     long = area.length / 2 >= 3.0 * thickness and side >= 0.3
     pier = _PIER_LOW <= side <= _PIER_HIGH and area.area >= 0.6 * (box[2] - box[0]) * (box[3] - box[1])
-    return _THINNEST / 2 <= thickness <= _THICKEST and (long or pier)
+    return _THINNEST <= thickness <= _THICKEST and (long or pier)
+
+
+def _corners(area: Any) -> NDArray[np.float64]:
+    """Return the (K, 2) corners of the hull of an area, those of a fine buffer joined."""
+    hull = shapely.simplify(shapely.convex_hull(area), 4 * _JOINT)
+    return np.asarray(shapely.get_coordinates(hull)[:-1], dtype=np.float64)
 
 
 def _unmasked(linework: Linework, areas: dict[int, Any], unit: float) -> list[Any]:

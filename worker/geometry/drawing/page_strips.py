@@ -7,15 +7,19 @@ from dataclasses import dataclass
 import numpy as np
 import shapely
 from numpy.typing import NDArray
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from service.domain.errors import DrawingTooComplex
 
 LEAST_GAP, LARGEST_GAP = 0.055, 0.62
 """Faces nearer or farther than this [m] are not those of one wall."""
 
-_ANGLE_STEP = np.radians(0.5)
-_OFFSET_STEP, _JOIN = 0.008, 0.02
+_SAME_LINE = np.sin(np.radians(0.5))
+_OFFSET, _JOIN = 0.008, 0.02
 _LEAST_FACE, _LEAST_OVERLAP = 0.12, 0.1
 _PARALLEL = np.sin(np.radians(1.0))
-_MOST_NEIGHBOURS = 4
+_MOST_NEIGHBOURS, _EVEN = 4, 0.04
 _AT_ONCE, _MOST_PAIRS = 2_000, 3_000_000
 
 
@@ -56,29 +60,24 @@ def joined(ends: NDArray[np.float64]) -> NDArray[np.float64]:
     ends, step, length = ends[length > 1e-6], step[length > 1e-6], length[length > 1e-6]
     if not len(ends):
         return np.zeros((0, 2, 2))
-    turn = np.rint(np.mod(np.arctan2(step[:, 1], step[:, 0]), np.pi) / _ANGLE_STEP).astype(np.int64)
-    turn %= round(np.pi / _ANGLE_STEP)
-    along = np.column_stack([np.cos(turn * _ANGLE_STEP), np.sin(turn * _ANGLE_STEP)])
-    across = np.column_stack([-along[:, 1], along[:, 0]])
-    offset = (ends.mean(axis=1) * across).sum(axis=1)
-    row = np.rint(offset / _OFFSET_STEP).astype(np.int64)
-    t = np.sort((ends * along[:, None]).sum(axis=2), axis=1)
-    order = np.lexsort((t[:, 0], row, turn))
-    t, turn, row, offset, length = t[order], turn[order], row[order], offset[order], length[order]
-    along, across = along[order], across[order]
-    new_line = np.concatenate([[True], (np.diff(turn) != 0) | (np.diff(row) != 0)])
-    line = np.cumsum(new_line) - 1
-    reach = np.maximum.accumulate(t[:, 1] + line * _FAR) - line * _FAR  # running end within each line
-    apart = np.concatenate([[True], t[1:, 0] > reach[:-1] + _JOIN]) | new_line
-    group = np.cumsum(apart) - 1
-    first = np.flatnonzero(apart)
-    low, high = t[first, 0], np.maximum.reduceat(t[:, 1], first)
-    middle = np.bincount(group, weights=offset * length) / np.bincount(group, weights=length)
-    base = across[first] * middle[:, None]
-    return np.stack([base + along[first] * low[:, None], base + along[first] * high[:, None]], axis=1)
-
-
-_FAR = 1e7
+    along = step / length[:, None]
+    i, j = _near(ends, along, reach=_JOIN, parallel=_SAME_LINE)
+    longer = length[i] >= length[j]
+    i, j = np.where(longer, i, j), np.where(longer, j, i)
+    away = ends[j] - ends[i][:, :1]
+    off = np.abs(away[..., 0] * along[i][:, 1:] - away[..., 1] * along[i][:, :1]).max(axis=1)
+    one = off <= _OFFSET
+    links = coo_matrix((np.ones(int(one.sum())), (i[one], j[one])), shape=(len(ends), len(ends)))
+    count, group = connected_components(links, directed=False)
+    order = np.lexsort((-length, group))
+    first = np.zeros(count, dtype=np.int64)
+    first[group[order[::-1]]] = order[::-1]  # the longest of each group, which is written last
+    base, way = ends[first, 0], along[first]
+    t = ((ends - base[group][:, None]) * way[group][:, None]).sum(axis=2)
+    low, high = np.full(count, np.inf), np.full(count, -np.inf)
+    np.minimum.at(low, group, t.min(axis=1))
+    np.maximum.at(high, group, t.max(axis=1))
+    return np.stack([base + way * low[:, None], base + way * high[:, None]], axis=1)
 
 
 def find_pen_strips(ends: NDArray[np.float64]) -> Strips:
@@ -93,8 +92,8 @@ def find_pen_strips(ends: NDArray[np.float64]) -> Strips:
     -------
     Strips
         The nearest pairs come first, so that the space between two walls is not taken for a third. Strokes
-        with more than four parallels within 0.6 m are a pattern (tiles, treads, planks) and pair with none.
-        At a corner a strip runs on as far as the longer face does.
+        with more than four parallels within 0.6 m, or in the middle between two, are a pattern (treads)
+        and pair with none. At a corner a strip runs on as far as the longer face does.
     """
     faces = joined(ends)
     length = np.hypot(*(faces[:, 1] - faces[:, 0]).T)
@@ -103,7 +102,7 @@ def find_pen_strips(ends: NDArray[np.float64]) -> Strips:
     if len(faces) < 2:
         return Strips(none, np.zeros(0), float(length.sum()), faces)
     along = (faces[:, 1] - faces[:, 0]) / length[:, None]
-    i, j = _parallels(faces, along)
+    i, j = _near(faces, along, reach=LARGEST_GAP, parallel=_PARALLEL)
     across = np.column_stack([-along[:, 1], along[:, 0]])
     t = np.sort(((faces[j] - faces[i][:, :1]) * along[i][:, None]).sum(axis=2), axis=1)
     gap = ((faces[j].mean(axis=1) - faces[i][:, 0]) * across[i]).sum(axis=1)
@@ -111,8 +110,12 @@ def find_pen_strips(ends: NDArray[np.float64]) -> Strips:
     overlap = high - low
     near = (np.abs(gap) >= 0.02) & (np.abs(gap) <= LARGEST_GAP) & (overlap >= _LEAST_OVERLAP)
     crowd = np.bincount(np.concatenate([i[near], j[near]]), minlength=len(faces))
-    fits = near & (np.abs(gap) >= LEAST_GAP) & (overlap >= 0.7 * np.abs(gap))
-    fits &= (crowd[i] <= _MOST_NEIGHBOURS) & (crowd[j] <= _MOST_NEIGHBOURS)
+    same = (along[i] * along[j]).sum(axis=1) > 0
+    share = (overlap[near] / length[i[near]], overlap[near] / length[j[near]])
+    odd = (crowd > _MOST_NEIGHBOURS) | _patterned(
+        (i[near], j[near]), gap[near], share, same[near], len(faces)
+    )
+    fits = near & (np.abs(gap) >= LEAST_GAP) & (overlap >= 0.7 * np.abs(gap)) & ~odd[i] & ~odd[j]
     order = np.flatnonzero(fits)
     order = order[np.lexsort((-overlap[order], np.round(np.abs(gap[order]), 2)))]
     used: dict[int, list[tuple[float, float]]] = {}
@@ -136,25 +139,46 @@ def find_pen_strips(ends: NDArray[np.float64]) -> Strips:
     return Strips(found, np.array(lengths), float(length.sum()), faces)
 
 
-def _parallels(
-    faces: NDArray[np.float64], along: NDArray[np.float64]
+def _near(
+    segments: NDArray[np.float64], along: NDArray[np.float64], *, reach: float, parallel: float
 ) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """Return the pairs of nearly parallel strokes within reach of each other."""
-    lines = shapely.linestrings(faces)
+    """Return the pairs of segments within reach of each other whose turn has at most the sine `parallel`."""
+    lines = shapely.linestrings(segments)
     tree = shapely.STRtree(lines)
-    out = []
+    out = [np.zeros((2, 0), dtype=np.int64)]
     total = 0
     for first in range(0, len(lines), _AT_ONCE):
-        one, other = tree.query(lines[first : first + _AT_ONCE], predicate="dwithin", distance=LARGEST_GAP)
+        one, other = tree.query(lines[first : first + _AT_ONCE], predicate="dwithin", distance=reach)
         one = one + first
         total += len(one)
         turn = along[one, 0] * along[other, 1] - along[one, 1] * along[other, 0]
-        kept = (one < other) & (np.abs(turn) <= _PARALLEL)
-        out.append(np.stack([one[kept], other[kept]]))
+        kept = (one < other) & (np.abs(turn) <= parallel)
+        out.append(np.stack([one[kept], other[kept]]).astype(np.int64))
         if total > _MOST_PAIRS:
-            break
-    pairs = np.concatenate(out, axis=1).astype(np.int64)
+            raise DrawingTooComplex(
+                "The strokes of the page lie so densely that they cannot be compared; export only the floor "
+                "that is needed, or print the sheet as a PNG image."
+            )
+    pairs = np.concatenate(out, axis=1)
     return pairs[0], pairs[1]
+
+
+def _patterned(
+    pairs: tuple[NDArray[np.int64], NDArray[np.int64]],
+    gap: NDArray[np.float64],
+    share: tuple[NDArray[np.float64], NDArray[np.float64]],
+    same_way: NDArray[np.bool_],
+    count: int,
+) -> NDArray[np.bool_]:
+    """Return which strokes stand in the middle between two neighbours, as treads, tiles and axes do."""
+    i, j = pairs
+    owner = np.concatenate([i[share[0] >= 0.5], j[share[1] >= 0.5]])
+    seen = np.concatenate([gap[share[0] >= 0.5], np.where(same_way, -gap, gap)[share[1] >= 0.5]])
+    left, right = np.full(count, np.inf), np.full(count, np.inf)
+    np.minimum.at(left, owner[seen > 0], seen[seen > 0])
+    np.minimum.at(right, owner[seen < 0], -seen[seen < 0])
+    with np.errstate(invalid="ignore"):
+        return np.asarray(np.abs(left - right) <= _EVEN * np.minimum(left, right), dtype=np.bool_)
 
 
 def _free(
