@@ -22,3 +22,6 @@ class Bounds:
     max_yaml_bytes: int = 8 << 20
     max_yaml_nodes: int = 400_000
     max_zip_bytes: int = 256 << 20
+    max_dxf_bytes: int = 96 << 20
+    max_dwg_memory_bytes: int = 1536 << 20
+    max_dwg_seconds: int = 60

@@ -13,6 +13,8 @@ from service.domain.errors import UnsupportedMedia
 from service.domain.media import (
     BMP,
     BUILDING_YAML,
+    DWG,
+    DXF,
     HEAD_BYTES,
     IFC,
     JPEG,
@@ -33,6 +35,7 @@ from worker.geometry.drawing.confidence import judge
 from worker.geometry.drawing.edits import apply_edits
 from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.page_scale import find_page_scale
+from worker.geometry.drawing.page_walls import read_page
 from worker.geometry.drawing.plans import several_plans
 from worker.geometry.drawing.read import read_raster
 from worker.geometry.drawing.reading import Reading
@@ -148,9 +151,9 @@ def _read_sheet(sheet: Sheet, file: _File) -> Reading:
 
 
 def _read_linework(linework: Linework, file: _File) -> Reading:
-    find_scale = find_unit if linework.page_mm_per_unit is None else find_page_scale
-    found = find_scale(linework, hint=file.options.scale)
-    reading = read_linework(
+    is_page = linework.sheet is not None
+    found = (find_page_scale if is_page else find_unit)(linework, hint=file.options.scale)
+    reading = (read_page if is_page else read_linework)(
         linework,
         scale=found.scale,
         wall_layers=file.options.wall_layers,
@@ -173,6 +176,18 @@ def _pdf(file: _File) -> Sheet | Linework:
 
     tell = _part(file.tell, 0.0, 0.1)
     return load_pdf(file.path, bounds=file.bounds, page=file.options.page, tell=tell)
+
+
+def _dxf(file: _File) -> Linework:
+    from worker.formats.dxf import load_dxf  # noqa: PLC0415
+
+    return load_dxf(file.path, bounds=file.bounds, tell=_part(file.tell, 0.0, 0.2))
+
+
+def _dwg(file: _File) -> Linework:
+    from worker.formats.dwg import load_dwg  # noqa: PLC0415
+
+    return load_dwg(file.path, bounds=file.bounds, tell=_part(file.tell, 0.0, 0.2))
 
 
 def _svg(file: _File) -> Linework:
@@ -230,6 +245,8 @@ _LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     BMP: _raster,
     WEBP: _raster,
     PDF: _pdf,
+    DXF: _dxf,
+    DWG: _dwg,
     SVG: _svg,
     IFC: _ifc,
     PGM: _pgm,
