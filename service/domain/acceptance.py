@@ -33,6 +33,9 @@ class AcceptancePolicy:
     largest_contradicted_share : float
         More structure than this behind walls of the map, as seen from where the scan began, speaks
         against the pose.
+    largest_astray_share : float
+        More structure than this on no wall and in no room of the map speaks against the pose: an object stands
+        in a room, what a wrong pose leaves over often does not.
     excusing_inlier_share, excusing_surfaces : float, int
         Not so where this share of the structure lies on the map, on so many distinct walls: then the tablet
         walked around corners.
@@ -54,6 +57,7 @@ class AcceptancePolicy:
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.06
+    largest_astray_share: float = 0.04
     excusing_inlier_share: float = 0.85
     excusing_surfaces: int = 5
     largest_sensitivity_m: float = 0.045
@@ -159,6 +163,8 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
         doubts.append(
             f"{e.contradicted_share:.0%} of the scanned structure was seen through the map's walls."
         )
+    if e.astray_share > policy.largest_astray_share and not walked:
+        doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")
     return doubts

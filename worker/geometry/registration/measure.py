@@ -14,6 +14,7 @@ INLIER_DISTANCE = 0.1
 REACH = 0.3
 _UPRIGHT = 0.3
 _LEAST_STRUCTURE = 100
+_SHELVES = 2.2
 _WEAK = 0.02
 _ALIGNED = np.cos(np.deg2rad(15.0))
 _SAME_PLANE = 0.15
@@ -81,10 +82,17 @@ def measure_fit(
     placed, turned = pose.apply(points), normals @ pose.rotation.T
     distance, plane, found = surfaces.match(placed, turned, reach=REACH)
     upright = (np.abs(turned[:, 2]) < _UPRIGHT) & (np.linalg.norm(turned, axis=1) > 0.5)
-    structure = upright if structure_from is None else upright & (placed[:, 2] > structure_from)
-    if np.count_nonzero(structure) < _LEAST_STRUCTURE:
-        structure = upright
+    structure = upright if structure_from is None else _above(placed[:, 2], upright, structure_from)
     return Fit(placed, distance, plane, found & (np.abs(distance) < INLIER_DISTANCE), structure)
+
+
+def _above(z: NDArray[np.float64], upright: NDArray[np.bool_], structure_from: float) -> NDArray[np.bool_]:
+    """Return the upright points above shelves and cabinets where a third of those above tables lies there."""
+    tables = upright & (z > structure_from)
+    shelves = upright & (z > _SHELVES)
+    if np.count_nonzero(shelves) >= max(_LEAST_STRUCTURE, np.count_nonzero(tables) / 3):
+        return shelves
+    return tables if np.count_nonzero(tables) >= _LEAST_STRUCTURE else upright
 
 
 def information(fit: Fit, *, unknowns: tuple[int, ...]) -> tuple[tuple[float, ...], tuple[str, ...]]:
