@@ -28,7 +28,7 @@ RATIOS = (
 )  # fmt: skip
 """Denominators that drawings are printed at: metric, architect's and engineer's scales."""
 
-_DPI = 1270.0
+_DPI, _SAME_SCALE = 1270.0, 1e-3
 _MOST_MEASURED = 300
 _DOOR_LOW, _DOOR_HIGH, _LEAST_DOORS = 0.6, 1.3, 3
 _QUARTER = (math.radians(70.0), math.radians(100.0))
@@ -76,7 +76,7 @@ def find_page_scale(linework: Linework, *, hint: ScaleHint | None = None) -> She
         if w.count > 1 or any(w.allows(x.value) for x in exact):  # a lone number may be a room's
             witnesses.append(w)
     units = [ratio * mm / 1000 for ratio in RATIOS] if mm is not None else []
-    units += [w.value for w in witnesses if w.exact and units]
+    units += [w.value for w in witnesses if w.exact and units and not _is_usual(w.value, units)]
     witnesses += _doors(linework)
     veto = not_to_scale(written)
     if veto is not None:
@@ -85,6 +85,10 @@ def find_page_scale(linework: Linework, *, hint: ScaleHint | None = None) -> She
         hint = replace(hint, dpi=25.4 / mm)
     scale = decide(witnesses, hint=hint, units=units, vetoed=veto is not None)
     return SheetScale(scale, (), (*findings, *contradictions(scale)))
+
+
+def _is_usual(value: float, units: Sequence[float]) -> bool:
+    return any(abs(value / unit - 1.0) <= _SAME_SCALE for unit in units)
 
 
 def _stated(linework: Linework, written: Sequence[str], mm: float) -> tuple[list[Witness], list[Finding]]:

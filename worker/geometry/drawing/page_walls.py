@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -11,13 +12,14 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from service.domain.errors import NoWallsFound
+from service.domain.errors import DrawingTooComplex, NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.linework_removed import removed_strokes, source_layers
+from worker.geometry.drawing.linework_removed import source_layers
 from worker.geometry.drawing.linework_roles import Roles, assign_roles
 from worker.geometry.drawing.outlines import Solids, read_outlines
 from worker.geometry.drawing.page_areas import wall_areas
+from worker.geometry.drawing.page_removed import frames, set_aside
 from worker.geometry.drawing.page_sheet import draw_page
 from worker.geometry.drawing.page_strips import Strips, find_pen_strips
 from worker.geometry.drawing.read import read_raster
@@ -76,7 +78,7 @@ def read_page(
     NoWallsFound
         If nothing on the page looks like a wall.
     DrawingTooComplex
-        If the lines lie so densely that they cannot be compared.
+        If the lines of the wall layers lie so densely that they cannot be compared.
     """
     tell = progress or (lambda _stage, _share: None)
     tell("walls", 0.0)
@@ -130,7 +132,8 @@ def _find_material(linework: Linework, roles: Roles, unit: float, tell: Progress
     pens = _pens(linework, roles)
     for done, number in enumerate(pens):
         tell("walls", 0.1 + 0.3 * done / len(pens))
-        strips[number] = find_pen_strips(linework.ends[pens[number].of] * unit)
+        with suppress(DrawingTooComplex):  # a pen that lies so densely draws hatches
+            strips[number] = find_pen_strips(linework.ends[pens[number].of] * unit)
     chosen = _wall_pens(pens, strips, _size(linework, unit))
     if sum(strips[n].paired / 2 for n in chosen) < _LEAST_BESIDE * solid:
         chosen = []
@@ -191,7 +194,7 @@ def _wall_pens(
         return []
     best = max(good, key=lambda n: good[n])
     lightest = _LIGHTEST * pens[best].width - 1e-9
-    return [n for n in pens if good[n] >= _LEAST_PEN * good[best] and pens[n].width >= lightest]
+    return [n for n in good if good[n] >= _LEAST_PEN * good[best] and pens[n].width >= lightest]
 
 
 def _without_texts(strips: Strips, texts: NDArray[np.float64]) -> Strips:
@@ -256,6 +259,7 @@ def _vector_reading(
     walls = tuple(_scaled(w, factor / unit) for w in solids.walls)
     columns = tuple(replace(c, outline=c.outline * (factor / unit)) for c in solids.columns)
     kept = _used(linework, material.kept, unit, solids)
+    corner = np.array(linework.sheet[:2] if linework.sheet is not None else (0.0, 0.0))
     pens = "; ".join(material.pens) or "filled areas alone"
     finding = Finding(
         "walls-by-pen",
@@ -266,12 +270,12 @@ def _vector_reading(
     return Reading(
         walls=walls,
         columns=columns,
-        removed=removed_strokes(_unmasked(linework), roles, kept=kept, place=lambda p: p * factor),
+        removed=set_aside(_unmasked(linework), roles, kept=kept, place=lambda p: (p - corner) * factor),
         sheet=_size(linework, factor),
         scale=scale,
         style="filled" if material.is_filled else "outlined",
         findings=(*linework.findings, finding),
-        layers=source_layers(linework, roles, factor),
+        layers=source_layers(linework, roles, factor) if any(linework.layer_names) else (),
     )
 
 
@@ -304,7 +308,7 @@ def _scaled(wall: Wall, factor: float) -> Wall:
 def _pixel_reading(linework: Linework, roles: Roles, scale: Scale, unit: float, tell: Progress) -> Reading:
     """Return the page drawn to pixels, without texts, dashes and hatches, and read as a scanned one."""
     drawn = ~np.isin(roles.entity, _NOT_WALLS) & ~linework.dashed & (linework.kind != "mask")
-    drawn &= ~_frames(linework)
+    drawn &= ~frames(linework)
     if not drawn.any():
         raise NoWallsFound("Nothing is drawn on the page but texts, dashes and hatches: choose another page.")
     sheet = draw_page(linework, drawn, units_per_px=_PX_M / unit, most_pixels=_MOST_PIXELS)
@@ -321,7 +325,7 @@ def _pixel_reading(linework: Linework, roles: Roles, scale: Scale, unit: float, 
         "The strokes of the page neither run in pairs nor fill areas as walls do: it was drawn to pixels "
         f"of {per_px * 100:.1f} cm and read as a scanned sheet, without its texts.",
     )
-    others = removed_strokes(
+    others = set_aside(
         _unmasked(linework), roles, kept=drawn, place=lambda p: (p - (left, bottom)) * unit * factor
     )
     moved = _shifted(reading, shift, factor)
@@ -331,25 +335,8 @@ def _pixel_reading(linework: Linework, roles: Roles, scale: Scale, unit: float, 
         sheet=_size(linework, unit * factor),
         scale=scale,
         findings=(*linework.findings, finding, *reading.findings),
-        layers=source_layers(linework, roles, unit * factor),
+        layers=source_layers(linework, roles, unit * factor) if any(linework.layer_names) else (),
     )
-
-
-def _frames(linework: Linework) -> NDArray[np.bool_]:
-    """Return which entities are lines along most of a side of the page: its frame."""
-    out = np.zeros(len(linework.kind), dtype=np.bool_)
-    if linework.sheet is None:
-        return out
-    left, bottom, right, top = linework.sheet
-    span = np.abs(linework.ends[:, 1] - linework.ends[:, 0])
-    long = (span[:, 0] >= _FRAME_SHARE * (right - left)) | (span[:, 1] >= _FRAME_SHARE * (top - bottom))
-    middle = linework.ends.mean(axis=1)
-    aside = np.minimum(
-        np.minimum(middle[:, 0] - left, right - middle[:, 0]) / (right - left),
-        np.minimum(middle[:, 1] - bottom, top - middle[:, 1]) / (top - bottom),
-    )
-    out[np.unique(linework.entity[long & (aside < 0.08)])] = True
-    return out
 
 
 def _shifted(reading: Reading, shift: NDArray[np.float64], factor: float) -> Reading:
