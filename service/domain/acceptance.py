@@ -21,9 +21,10 @@ class AcceptancePolicy:
 
     Parameters
     ----------
-    rejected_inlier_share, accepted_inlier_share : float
+    rejected_inlier_share, accepted_inlier_share, accepted_inlier_share_on_cloud : float
         Below the first a placement is rejected, below the second a person looks: share of upright
-        structure that lies on the map's surfaces.
+        structure that lies on the map's surfaces. On a cloud, which knows no walls, all that is upright is
+        structure, and less of it is asked for.
     accepted_share_of_all : float
         Least share of all points on the map's surfaces.
     accepted_residual_m, accepted_residual_on_cloud_m : float
@@ -34,8 +35,8 @@ class AcceptancePolicy:
         More structure than this behind walls of the map, as seen from where the scan began, speaks
         against the pose.
     largest_astray_share : float
-        More structure than this on no wall and in no room of the map speaks against the pose: an object stands
-        in a room, what a wrong pose leaves over often does not.
+        More structure than this on no wall and in no room of the map speaks against the pose: an object
+        stands in a room, what a wrong pose leaves over often does not.
     excusing_inlier_share, excusing_surfaces : float, int
         Not so where this share of the structure lies on the map, on so many distinct walls: then the tablet
         walked around corners.
@@ -52,6 +53,7 @@ class AcceptancePolicy:
 
     rejected_inlier_share: float = 0.35
     accepted_inlier_share: float = 0.8
+    accepted_inlier_share_on_cloud: float = 0.6
     accepted_share_of_all: float = 0.4
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
@@ -137,17 +139,18 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     doubts = []
     if not e.converged:
         doubts.append("The placement had not come to rest when its iterations ran out.")
-    if e.inlier_share_of_structure < policy.accepted_inlier_share:
+    faces = e.map_kind == "faces"
+    expected = policy.accepted_inlier_share if faces else policy.accepted_inlier_share_on_cloud
+    if e.inlier_share_of_structure < expected:
         doubts.append(
             f"{e.inlier_share_of_structure:.0%} of the scanned structure lies on the map; "
-            f"{policy.accepted_inlier_share:.0%} are expected of a right pose."
+            f"{expected:.0%} are expected of a right pose."
         )
     if e.inlier_share < policy.accepted_share_of_all:
         doubts.append(
             f"{e.inlier_share:.0%} of all points lie on the map; "
             f"{policy.accepted_share_of_all:.0%} are expected."
         )
-    faces = e.map_kind == "faces"
     if not e.residual_median_m <= (
         policy.accepted_residual_m if faces else policy.accepted_residual_on_cloud_m
     ):
