@@ -6,32 +6,10 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-_REACH = 1 << 20
+REACH = 1 << 20
+"""Cells are numbered from -REACH to REACH along each axis."""
 _SHIFT = 21
 _AROUND = np.array([(i, j, k) for i in (-1, 0, 1) for j in (-1, 0, 1) for k in (-1, 0, 1)], dtype=np.int64)
-
-
-def cell_keys(points: NDArray[np.float64], resolution: float) -> NDArray[np.int64]:
-    """Return one integer a point that names the cell it lies in.
-
-    Parameters
-    ----------
-    points : ndarray of shape (M, 3), float64
-        Positions [m].
-    resolution : float
-        Edge of a cell [m]; cells begin at multiples of it.
-
-    Raises
-    ------
-    ValueError
-        If a point lies 2^20 - 1 cells or farther from the origin.
-    """
-    index = np.floor(points / resolution)
-    if len(index) and np.abs(index).max() >= _REACH - 1:
-        msg = f"points reach farther than {_REACH - 1} cells of {resolution} m from the origin"
-        raise ValueError(msg)
-    cells = index.astype(np.int64) + _REACH
-    return (cells[:, 0] << (2 * _SHIFT)) | (cells[:, 1] << _SHIFT) | cells[:, 2]
 
 
 def neighbour_rows(
@@ -68,23 +46,29 @@ def key_table(keys: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.in
     slots = 1 << max(4, int(2 * len(keys)).bit_length())
     table_keys = np.full(slots, -1, dtype=np.int64)
     table_rows = np.full(slots, -1, dtype=np.int64)
-    _fill(keys, table_keys, table_rows)
+    fill_table(keys, table_keys, table_rows)
     return table_keys, table_rows
 
 
 @njit(cache=True, inline="always")
-def _slot(key: np.int64, mask: int) -> np.int64:
+def cell_key(i: np.int64, j: np.int64, k: np.int64) -> np.int64:
+    """Return one number that names a cell by its three."""
+    return ((i + REACH) << (2 * _SHIFT)) | ((j + REACH) << _SHIFT) | (k + REACH)
+
+
+@njit(cache=True, inline="always")
+def slot_of(key: np.int64, mask: int) -> np.int64:
     """Return where the search for a key begins (Fibonacci hashing)."""
     product = np.uint64(key) * np.uint64(0x9E3779B97F4A7C15)
     return np.int64((product >> np.uint64(24)) & np.uint64(mask))
 
 
 @njit(cache=True)
-def _fill(keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_rows: NDArray[np.int64]) -> None:
+def fill_table(keys: NDArray[np.int64], table_keys: NDArray[np.int64], table_rows: NDArray[np.int64]) -> None:
     """Put every key into its slot, or the next free one."""
     mask = len(table_keys) - 1
     for row in range(len(keys)):
-        slot = _slot(keys[row], mask)
+        slot = slot_of(keys[row], mask)
         while table_rows[slot] >= 0:
             slot = (slot + 1) & mask
         table_keys[slot] = keys[row]
@@ -101,15 +85,15 @@ def find_row(
     table_rows: NDArray[np.int64],
 ) -> np.int64:
     """Return the row of the cell in which a point lies, or -1 if nothing is near it."""
-    i = np.int64(np.floor(x / resolution)) + _REACH
-    j = np.int64(np.floor(y / resolution)) + _REACH
-    k = np.int64(np.floor(z / resolution)) + _REACH
-    top = 2 * _REACH
+    i = np.int64(np.floor(x / resolution)) + REACH
+    j = np.int64(np.floor(y / resolution)) + REACH
+    k = np.int64(np.floor(z / resolution)) + REACH
+    top = 2 * REACH
     if i < 0 or j < 0 or k < 0 or i >= top or j >= top or k >= top:
         return np.int64(-1)
     key = (i << (2 * _SHIFT)) | (j << _SHIFT) | k
     mask = len(table_keys) - 1
-    slot = _slot(key, mask)
+    slot = slot_of(key, mask)
     while table_rows[slot] >= 0:
         if table_keys[slot] == key:
             row: np.int64 = table_rows[slot]

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from worker.geometry.registration.cells import cell_keys, key_table, neighbour_rows
+from worker.geometry.registration.cell_moments import cell_moments
+from worker.geometry.registration.cells import key_table, neighbour_rows
 
 OUTLIER_RATIO = 0.55
 LEAST_POINTS = 6
@@ -90,17 +91,14 @@ def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
 
     Notes
     -----
-    O(M log M). Covariance exact, over n - 1, as PCL from 1.12 on; cells of fewer than 6 points are left
+    O(M). Covariance exact, over n - 1, as PCL from 1.12 on; cells of fewer than 6 points are left
     out as there. A cell flatter than 1:100 is thickened to that (equation 6.11), and one without any
     extent in two directions is left out. Unlike PCL, a perfectly flat cell is kept.
     """
     if not (math.isfinite(resolution) and resolution > 0.0):
         msg = f"a cell's edge is positive, not {resolution}"
         raise ValueError(msg)
-    keys = cell_keys(points, resolution)
-    order = np.argsort(keys, kind="stable")
-    occupied, starts, counts = np.unique(keys[order], return_index=True, return_counts=True)
-    means, covariances = _moments(points[order], starts, counts)
+    occupied, counts, means, covariances = cell_moments(points, resolution)
     kept = counts >= LEAST_POINTS
     values, vectors = np.linalg.eigh(covariances[kept])
     solid = values[:, 2] > _FLATTEST
@@ -114,20 +112,3 @@ def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
         resolution, np.ascontiguousarray(means[kept][solid]), np.ascontiguousarray(packed),
         np.ascontiguousarray(vectors[:, :, 0]), table_keys, table_rows, row_starts, row_cells,
     )  # fmt: skip
-
-
-def _moments(
-    points: NDArray[np.float64], starts: NDArray[np.intp], counts: NDArray[np.intp]
-) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return mean and covariance of each run of points; the covariance of a single point is 0."""
-    if len(starts) == 0:
-        return np.zeros((0, 3)), np.zeros((0, 3, 3))
-    n = counts.astype(np.float64)
-    means = np.add.reduceat(points, starts, axis=0) / n[:, None]
-    centred = points - np.repeat(means, counts, axis=0)
-    covariances = np.zeros((len(starts), 3, 3))
-    for i in range(3):
-        for j in range(i, 3):
-            product = np.add.reduceat(centred[:, i] * centred[:, j], starts)
-            covariances[:, i, j] = covariances[:, j, i] = product / np.maximum(n - 1.0, 1.0)
-    return means, covariances
