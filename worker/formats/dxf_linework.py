@@ -58,8 +58,8 @@ def linework_of(
         more.append(_finding("strokes-without-place", message, wild))
     if strays:
         message = (
-            f"{strays} strokes lie more than {_FAR:g} times as far away as the drawing is large; they were left "
-            "out."
+            f"{strays} strokes lie more than {_FAR:g} times as far away as the drawing is large; they were "
+            "left out."
         )
         more.append(_finding("strokes-far-away", message, strays))
     return _table(doc, replace(part, texts=texts[: bounds.max_texts]), tuple(witnesses), (*findings, *more))

@@ -77,7 +77,13 @@ def _window(layout: Iterable[DXFGraphic]) -> Viewport | None:
     """Return the largest window on the model, without the sheet's own main one."""
     windows = [v for v in layout if isinstance(v, Viewport) and v.dxf.get("id", 2) != 1]
     good = [v for v in windows if _area(v) > 0 and 0 < v.dxf.get("view_height", 0) < math.inf]
-    return max(good, key=_area, default=None)
+    return max((v for v in good if not _is_main(v)), key=_area, default=None)
+
+
+def _is_main(window: Viewport) -> bool:
+    """Return whether a window shows the sheet itself: the same place at the same size."""
+    x, y, _ = window.dxf.view_center_point - window.dxf.center
+    return abs(_ratio(window) - 1.0) < 1e-9 and math.hypot(x, y) < 1e-6 * float(window.dxf.height)
 
 
 def _area(window: Viewport) -> float:

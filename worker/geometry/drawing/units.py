@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,7 @@ _MOST_LINES = 20_000
 _MOST_DIMENSIONS = 2000
 _EXACT = 0.01
 _MOST_COUNT = 3
+_SURE = {"door-arcs": 3, "dimension-text": 2, "title-block": 1}
 
 
 def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScale:
@@ -35,7 +38,8 @@ def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScal
 
     Buildings are 8 to 400 m long, doors swing over 0.6 to 1.2 m, walls are 8 to 40 cm thick, and a dimension
     whose text was written by hand says how long its line is. The file's own header is one voice among these:
-    most files say millimetres, whatever they are drawn in.
+    most files say millimetres, whatever they are drawn in. Where doors, dimensions or a stated scale disprove
+    it, it has no vote.
 
     Parameters
     ----------
@@ -60,9 +64,18 @@ def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScal
     heard += [*_spacing(walls), *_dimensions(linework)]
     units = [*USUAL_UNITS.values(), *(w.value for w in linework.witnesses if w.kind == "title-block")]
     veto = not_to_scale([t.text for t in linework.texts])
-    scale = decide(heard, hint=hint, units=units, vetoed=veto is not None)
+    voting = [w for w in heard if w.kind != "file-unit" or not _disproved(w, heard, units)]
+    scale = decide(voting, hint=hint, units=units, vetoed=veto is not None)
+    scale = replace(scale, witnesses=(*scale.witnesses, *(w for w in heard if w not in voting)))
     findings = [] if veto is None else [_veto(veto)]
     return SheetScale(scale, (), (*findings, *contradictions(scale)))
+
+
+def _disproved(header: Witness, heard: Sequence[Witness], units: Sequence[float]) -> bool:
+    """Return whether the header's unit contradicts what is measured: then it has no vote, whatever it says."""
+    strong = [w for w in heard if w.count >= _SURE.get(w.kind, math.inf)]
+    named = [w for w in strong if any(w.allows(unit) for unit in units)]
+    return any(not w.allows(header.value) for w in named)
 
 
 def _extent(walls: NDArray[np.float64]) -> list[Witness]:

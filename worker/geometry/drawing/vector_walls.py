@@ -103,6 +103,7 @@ def read_linework(
         findings=(*linework.findings, *roles.findings, *_remarks(linework, roles, guessed=guessed)),
         origin=frame.origin,
         layers=source_layers(linework, roles, frame.factor),
+        confidence=1.0 if walls or columns else 0.0,
     )
 
 
