@@ -18,12 +18,13 @@ _TOLERANCE, _PIXELS = 0.004, 2.0
 _SAME_LENGTH = 0.05
 _LOG_RANGE, _BY_CHANCE = 3.0, 0.02
 _SURE, _MOST_OTHERS = 0.5, 8
-_LETTER_LOW, _LETTER_HIGH = 0.05, 0.9
-_UNIT_IS_WRITTEN = 2.5
+_LETTER_LOW, _LETTER_HIGH = 0.02, 1.5
+_LEAST_LETTER_IN_CENTIMETRES = 0.1
 _EXTENT_LOW, _EXTENT_HIGH = 2.0, 1000.0
 _USUAL_LETTER, _LETTER_SPREAD = 0.2, 0.6
 _USUAL_LENGTH, _LENGTH_SPREAD = 4.0, 1.0
-_TELLS_APART = 3.0
+_USUAL_EXTENT, _EXTENT_SPREAD = 25.0, 1.0
+_TELLS_APART = {MILLIMETRE: 3.0, CENTIMETRE: 5.0}
 
 
 @dataclass(frozen=True)
@@ -103,7 +104,7 @@ def dimension_witnesses(
         return ()
     most = max(camp.lengths for _, camp in camps)
     camps = _distinct([(u, camp) for u, camp in camps if camp.lengths == most])
-    sized = _tell_apart([(u, camp) for u, camp in camps if _plausible(camp, extent)])
+    sized = _tell_apart([(u, camp) for u, camp in camps if _plausible(camp, u, extent, stated=unit)], extent)
     out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
     out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
     chosen = (sized or camps)[0]
@@ -179,14 +180,21 @@ def _chance(heard: int, agreeing: int, options: float, tolerance: float) -> floa
     return math.comb(heard, agreeing) * hit ** (agreeing - 1)
 
 
-def _plausible(camp: Camp, extent: float | None) -> bool:
-    """Return whether letters and building have a possible size at a camp's scale."""
-    letter = float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
-    guessed = any(d.measure.form == "integer" for d, _ in camp.members)
-    slack = 1.0 if guessed else _UNIT_IS_WRITTEN
-    if not _LETTER_LOW / slack <= letter <= _LETTER_HIGH * slack:
+def _plausible(camp: Camp, unit: float, extent: float | None, *, stated: float | None) -> bool:
+    """Return whether letters and building have a possible size at a camp's scale.
+
+    Bare inches taken for centimetres would make small letters: these are not believed.
+    """
+    letter = _median_letter(camp)
+    guessed = stated is None and any(d.measure.form == "integer" for d, _ in camp.members)
+    least = _LEAST_LETTER_IN_CENTIMETRES if guessed and unit == CENTIMETRE else _LETTER_LOW
+    if not least <= letter <= _LETTER_HIGH:
         return False
     return extent is None or _EXTENT_LOW <= extent * camp.metres_per_px <= _EXTENT_HIGH
+
+
+def _median_letter(camp: Camp) -> float:
+    return float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
 
 
 def _near(value: float, other: float) -> bool:
@@ -202,21 +210,25 @@ def _distinct(camps: list[tuple[float, Camp]]) -> list[tuple[float, Camp]]:
     return kept
 
 
-def _tell_apart(camps: list[tuple[float, Camp]]) -> list[tuple[float, Camp]]:
+def _tell_apart(camps: list[tuple[float, Camp]], extent: float | None) -> list[tuple[float, Camp]]:
     """Return the one of two readings of bare integers that is far more usual, or both."""
     if len(camps) < 2:
         return camps
-    ranked = sorted(camps, key=lambda c: -_usual(c[1], c[0]))
-    clear = _usual(ranked[0][1], ranked[0][0]) - _usual(ranked[1][1], ranked[1][0]) >= _TELLS_APART
-    return ranked[:1] if clear else ranked
+    ranked = sorted(camps, key=lambda c: -_usual(c[1], c[0], extent))
+    ahead = _usual(ranked[0][1], ranked[0][0], extent) - _usual(ranked[1][1], ranked[1][0], extent)
+    return ranked[:1] if ahead >= _TELLS_APART[ranked[0][0]] else ranked
 
 
-def _usual(camp: Camp, unit: float) -> float:
-    """Return the logarithm of how usual letters and lengths of a size are: some 20 cm and some 4 m."""
-    letter = float(np.median([d.height for d, _ in camp.members])) * camp.metres_per_px
+def _usual(camp: Camp, unit: float, extent: float | None) -> float:
+    """Return the logarithm of how usual sizes are: letters of some 20 cm, lengths of 4 m, plans of 25 m."""
     length = float(np.median([d.metres(unit) for d, _ in camp.members]))
-    off = math.log(letter / _USUAL_LETTER) / _LETTER_SPREAD, math.log(length / _USUAL_LENGTH) / _LENGTH_SPREAD
-    return -0.5 * (off[0] ** 2 + off[1] ** 2)
+    off = [
+        math.log(_median_letter(camp) / _USUAL_LETTER) / _LETTER_SPREAD,
+        math.log(length / _USUAL_LENGTH) / _LENGTH_SPREAD,
+    ]
+    if extent:
+        off.append(math.log(extent * camp.metres_per_px / _USUAL_EXTENT) / _EXTENT_SPREAD)
+    return -0.5 * sum(o * o for o in off)
 
 
 def _witness(camp: Camp, *, sure: bool) -> Witness:

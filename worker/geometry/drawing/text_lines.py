@@ -365,9 +365,8 @@ def _without_others(ink: InkMap, line: TextLine, box: tuple[int, int, int, int])
     labels = ink.labels[y0 // f : -(-y1 // f), x0 // f : -(-x1 // f)]
     if not labels.size or not patch.size:
         return patch
-    size = ink.stats[:, 2:4].max(axis=1)
     others = np.unique(labels)
-    others = others[(others > 0) & (size[others] > 1.4 * line.height)]
+    others = others[(others > 0) & (ink.stats[others, 2:4].max(axis=1) > 1.4 * line.height)]
     others = np.setdiff1d(others, line.parts)
     if len(others):
         foreign = cv2.dilate(np.isin(labels, others).astype(np.uint8), np.ones((3, 3), np.uint8))
