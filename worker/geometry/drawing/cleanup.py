@@ -13,9 +13,10 @@ from worker.geometry.drawing.strokes import Strokes
 SPECK, TEXT, SYMBOL = 0.12, 0.7, 2.4
 _BOX_ASPECT, _BOX_THICKEST, _BOX_SHORTEST = 2.2, 0.45, 0.5
 _PIER_FILL, _PIER_LEAST = 0.8, 0.15
+_LETTER_WIDEST, _PIECES = 1.3, 2
 _LETTERS, _LETTER_GAP, _LETTER_HIGHEST, _WORD_LONGEST = 3, 0.6, 0.8, 4.0
-_DOTS, _DOT_SHARE, _DOT_WIDEST, _DOT_ROUND = 3, 0.7, 0.9, 0.18
-_DOT_REACH = 0.3
+_DOTS, _DOT_SHARE, _DOT_WIDEST = 3, 0.6, 0.9
+_DOT_REACH, _DOT_LINES = 0.3, 2.0
 
 
 def small_parts(strokes: Strokes, parts: Parts, metres_per_px: float) -> dict[str, NDArray[np.bool_]]:
@@ -70,10 +71,11 @@ def _rows_of_letters(
     near = (gap <= _LETTER_GAP * large) & (np.abs(middle[i] - middle[j]) <= 0.35 * large)
     near &= (large <= 1.9 * small) & (gap >= -0.3 * large)
     group = _groups(len(letters), pairs[near])
-    wide = (high - low)[:, None] > 1.2 * tall[:, None]
-    count = np.bincount(group)
-    letter_like = np.bincount(group, weights=~wide[:, 0])
-    return letters[(count[group] >= _LETTERS) & (letter_like[group] >= 1)]
+    wide = (high - low) / np.maximum(tall, 1e-9)
+    count = np.bincount(group, weights=np.clip(1.4 * wide, 1.0, 6.0))
+    letter_like = np.bincount(group, weights=wide <= _LETTER_WIDEST)
+    several = np.bincount(group) >= _PIECES
+    return letters[several[group] & (count[group] >= _LETTERS) & (letter_like[group] >= 1)]
 
 
 def _groups(count: int, links: NDArray[np.int64]) -> NDArray[np.int64]:
@@ -91,37 +93,44 @@ def _groups(count: int, links: NDArray[np.int64]) -> NDArray[np.int64]:
     return np.array([root(k) for k in range(count)], dtype=np.int64)
 
 
-def from_dot_to_dot(
-    strokes: Strokes, parts: Parts, thick: NDArray[np.bool_], metres_per_px: float
-) -> NDArray[np.bool_]:
+def from_dot_to_dot(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDArray[np.bool_]:
     """Return which strokes belong to parts whose lines lead from one round dot to another.
 
-    Lanes and way points of robots, leaders and markers are drawn so; a wall does not end in a disc.
+    Lanes and way points of robots, leaders and markers are drawn so; a wall does not end in a disc. A dot is
+    twice as wide as the lines of its part.
     """
-    dots, radius, owner = _dots(parts, thick, metres_per_px)
+    whole = np.bincount(strokes.part, strokes.length, len(parts.long))
+    width = np.bincount(strokes.part, strokes.length * strokes.width, len(parts.long)) / np.maximum(
+        whole, 1.0
+    )
+    usual = float(np.average(strokes.width, weights=strokes.length + 1e-6))
+    dots, radius, owner = _dots(parts, max(4, int(np.ceil(1.6 * usual)) + 1), metres_per_px)
+    large = 2 * radius >= _DOT_LINES * width[owner]
+    dots, radius, owner = dots[large], radius[large], owner[large]
     out = np.zeros(len(strokes), dtype=bool)
     for part in np.flatnonzero(np.bincount(owner, minlength=len(parts.long)) >= _DOTS):
         own = np.flatnonzero((strokes.part == part) & (strokes.length * metres_per_px >= TEXT))
         tree = cKDTree(dots[owner == part])
         far, at = tree.query(strokes.ends[own].reshape(-1, 2))
         reach = radius[owner == part][at] + _DOT_REACH / metres_per_px
-        both = (far <= reach).reshape(-1, 2).all(axis=1)
+        at_dot = (far <= reach).reshape(-1, 2).mean(axis=1)
         length = strokes.length[own]
-        if len(own) and length[both].sum() >= _DOT_SHARE * length.sum():
+        if len(own) and (length * at_dot).sum() >= _DOT_SHARE * length.sum():
             out |= strokes.part == part
     return out
 
 
 def _dots(
-    parts: Parts, thick: NDArray[np.bool_], metres_per_px: float
+    parts: Parts, least: int, metres_per_px: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
-    """Return middles (D, 2), radii and parts of the round solid spots of the ink [working px]."""
-    _, labels, stats, centres = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=8)
+    """Return middles (D, 2), radii and parts of the round solid spots at least so wide [working px]."""
+    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (least, least))
+    solid = cv2.morphologyEx((parts.labels > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
+    _, _labels, stats, centres = cv2.connectedComponentsWithStats(solid, connectivity=8)
     wide, high = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
     across = (wide + high) / 2.0
     full = stats[:, cv2.CC_STAT_AREA] / np.maximum(np.pi / 4 * across**2, 1.0)
-    slack = np.maximum(_DOT_ROUND, 2.0 / np.maximum(across, 1.0))
-    round_ = (np.abs(wide - high) <= np.maximum(2, 0.2 * across)) & (np.abs(full - 1.0) <= slack)
+    round_ = (np.abs(wide - high) <= np.maximum(3, 0.35 * across)) & (full >= 0.6) & (full <= 1.2)
     round_ &= (across * metres_per_px <= _DOT_WIDEST) & (across >= 4)
     round_[0] = False
     middle = centres[round_]

@@ -16,7 +16,8 @@ _LONGEST, _SHORTEST = 6.0, 0.06
 _GAP, _GAP_OF_DASH = 0.6, 0.9
 _MEMBERS = 4
 _USUAL = 2.0
-_OPENING = 0.8
+_SOLID = 0.55
+_MOST_PIECES = 12
 _SAME_WIDTH = 1.7
 
 
@@ -39,7 +40,7 @@ def dashed(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDArray[np.b
     chosen = _bars(strokes, parts, metres_per_px)
     if len(chosen) < _MEMBERS:
         return out
-    tips = _tips(strokes, chosen, metres_per_px)
+    tips = _tips(strokes, parts, chosen, metres_per_px)
     size = parts.long[chosen]
     linked = _links(tips, size, parts.area[chosen] / np.maximum(size, 1e-9), metres_per_px)
     seen = np.zeros(len(chosen), dtype=bool)
@@ -53,34 +54,40 @@ def dashed(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDArray[np.b
 
 
 def _bars(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDArray[np.int64]:
-    """Return the parts that are one bar, straight or bent: as much ink as their length times their width."""
+    """Return the parts that are one bar: solid and straight, or bent and no more ink than one line has."""
     whole = np.bincount(strokes.part, strokes.length * metres_per_px, len(parts.long))
     width = parts.area / np.maximum(whole, metres_per_px)
-    bar = (whole > 0) & (parts.long >= _SHORTEST) & (whole <= _LONGEST)
-    bar &= (width <= max(_THICKEST, 3 * metres_per_px)) & (parts.long >= 1.3 * np.minimum(width, parts.long))
-    bar &= (whole <= 1.15 * parts.long + parts.short + 2 * width) & ~parts.hollow
-    return np.asarray(np.flatnonzero(bar), dtype=np.int64)
+    thin = max(_THICKEST, 3 * metres_per_px)
+    bar = (whole > 0) & (parts.long >= _SHORTEST) & (parts.long <= _LONGEST)
+    bent = (width <= thin) & (parts.long >= 1.3 * np.minimum(width, parts.long))
+    bent &= (whole <= 1.15 * parts.long + parts.short + 2 * width) & ~parts.hollow
+    return np.asarray(np.flatnonzero(bar & (bent | _straight(parts, metres_per_px))), dtype=np.int64)
 
 
-def _tips(strokes: Strokes, chosen: NDArray[np.int64], metres_per_px: float) -> _Tips:
+def _straight(parts: Parts, metres_per_px: float) -> NDArray[np.bool_]:
+    solid = (parts.fill >= _SOLID) | (parts.short <= 4 * metres_per_px)
+    thin = parts.short <= max(_THICKEST, 3 * metres_per_px)
+    return np.asarray(solid & thin & (parts.long >= 1.3 * parts.short), dtype=np.bool_)
+
+
+def _tips(strokes: Strokes, parts: Parts, chosen: NDArray[np.int64], metres_per_px: float) -> _Tips:
     """Return the two ends of each chosen part that lie farthest from each other."""
     order = np.argsort(strokes.part, kind="stable")
     low, high = (np.searchsorted(strokes.part[order], chosen, side) for side in ("left", "right"))
-    at, heading = [], []
-    for a, b in zip(low.tolist(), high.tolist(), strict=True):
-        own = order[a:b]
+    straight = _straight(parts, metres_per_px)[chosen]
+    half = parts.axis[chosen] * (parts.long[chosen] / 2)[:, None]
+    at = np.stack([-half, half], axis=1) + (parts.middle[chosen] * metres_per_px)[:, None]
+    heading = np.stack([-parts.axis[chosen], parts.axis[chosen]], axis=1)
+    for n in np.flatnonzero(~straight & (high - low <= _MOST_PIECES)):
+        own = order[low[n] : high[n]]
         ends = strokes.ends[own].reshape(-1, 2)
         out = np.stack([-strokes.direction[own], strokes.direction[own]], axis=1).reshape(-1, 2)
-        far = ((ends[:, None] - ends[None]) ** 2).sum(axis=2) if len(own) <= _MOST_PIECES else None
-        i, j = (0, 1) if far is None else np.unravel_index(int(far.argmax()), far.shape)
-        for k in (i, j):
-            more = out[k] * float(strokes.width[own[int(k) // 2]]) / 2.0
-            at.append((ends[k] + more) * metres_per_px)
-            heading.append(out[k])
-    return _Tips(np.array(at), np.array(heading), np.repeat(np.arange(len(chosen)), 2))
-
-
-_MOST_PIECES = 12
+        far = ((ends[:, None] - ends[None]) ** 2).sum(axis=2)
+        pair = np.array(np.unravel_index(int(far.argmax()), far.shape))
+        more = out[pair] * (strokes.width[own[pair // 2]] / 2.0)[:, None]
+        at[n] = (ends[pair] + more) * metres_per_px
+        heading[n] = out[pair]
+    return _Tips(at.reshape(-1, 2), heading.reshape(-1, 2), np.repeat(np.arange(len(chosen)), 2))
 
 
 def _links(
@@ -98,7 +105,12 @@ def _links(
         ahead, aside = float(gap @ toward), abs(float(gap[0] * toward[1] - gap[1] * toward[0]))
         alike = max(width[i], width[j]) <= _SAME_WIDTH * min(width[i], width[j]) + metres_per_px
         short = ahead <= max(_GAP_OF_DASH * max(size[i], size[j]), 2 * metres_per_px)
-        if alike and short and -metres_per_px <= ahead and aside <= max(0.05, 2 * metres_per_px) + 0.15 * ahead:
+        if (
+            alike
+            and short
+            and -metres_per_px <= ahead
+            and aside <= max(0.05, 2 * metres_per_px) + 0.15 * ahead
+        ):
             linked[i].append(j)
             linked[j].append(i)
     return linked

@@ -28,6 +28,8 @@ class Parts:
         Of its ink [m^2].
     box : ndarray of shape (P, 4), int
         Left, top, width and height of the bounding box, in working pixels.
+    middle, axis : ndarrays of shape (P, 2)
+        Of the smallest rectangle: its middle, and the unit direction of its long side [working px].
     hollow : ndarray of shape (P,), bool
         Whether a part of middle size encloses paper of at least 20 x 20 cm.
     """
@@ -38,6 +40,8 @@ class Parts:
     short: NDArray[np.float64]
     area: NDArray[np.float64]
     box: NDArray[np.int64]
+    middle: NDArray[np.float64]
+    axis: NDArray[np.float64]
     hollow: NDArray[np.bool_]
 
     @property
@@ -60,17 +64,21 @@ def measure_parts(mask: NDArray[np.bool_], metres_per_px: float) -> Parts:
     extent = box[:, 2:].max(axis=1) * metres_per_px
     long, short = extent.copy(), extent.copy()
     hollow = np.zeros(len(extent), dtype=bool)
+    middle, axis = np.zeros((2, len(extent), 2))
     for part in np.flatnonzero((extent > _LEAST) & (extent < _MOST)):
         x, y, w, h = box[part]
         one = (labels[y : y + h, x : x + w] == part).astype(np.uint8)
         points = cv2.findNonZero(one)
-        sides = cv2.minAreaRect(points)[1]
+        centre, sides, degrees = cv2.minAreaRect(points)
+        turn = np.radians(degrees if sides[0] >= sides[1] else degrees + 90.0)
+        middle[part] = centre[0] + x, centre[1] + y
+        axis[part] = np.cos(turn), np.sin(turn)
         long[part], short[part] = (np.array(sorted(sides, reverse=True)) + 1) * metres_per_px
         hollow[part] = _encloses(one, _HOLLOW / metres_per_px**2)
     long[0] = short[0] = extent[0] = 0.0
     area = stats[:, cv2.CC_STAT_AREA] * metres_per_px**2
     area[0] = 0.0
-    return Parts(np.asarray(labels, dtype=np.int32), extent, long, short, area, box, hollow)
+    return Parts(np.asarray(labels, dtype=np.int32), extent, long, short, area, box, middle, axis, hollow)
 
 
 def _encloses(one: NDArray[np.uint8], least: float) -> bool:

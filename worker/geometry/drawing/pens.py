@@ -20,6 +20,7 @@ _STEP = 0.06
 _SHORTEST, _SIDE_BY_SIDE, _NARROWEST = 0.4, 0.5, 0.07
 _LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.15, 0.4, 0.1
 _LIGHT, _HEAVY_END = 0.6, 0.6
+_LEAST_OF_ALL = 0.08
 _ALIKE = 1.34
 _ONE_PEN = float(np.log(1.4))
 
@@ -76,7 +77,7 @@ def _hills(  # pragma: no cover - compiled
 
 
 def split_where_lighter(ink: Ink, strokes: Strokes, least: float) -> tuple[Strokes, NDArray[np.int64]]:
-    """Return the strokes cut where the pen changes between lighter and heavier than `least`, and their origin.
+    """Return the strokes cut where the pen gets lighter or heavier than `least`, and their origin.
 
     A window's sill may run on as the face of the wall beside it. A change counts that lasts at least 15 cm.
     """
@@ -148,7 +149,7 @@ def lightest_wall_pen(
     Draughtsmen cut walls with a heavier pen than what stands in the rooms. Of all pens (weights up to 1.4 of
     the least), the one is taken of whose strokes the largest share runs in pairs at a wall's thickness, if
     they span the drawing and hold a fair part of all pairs, and the share is clearly larger than that of
-    all strokes. Where no limit is so good, strokes under 60 % of the heavy end of the paired strokes are light.
+    all strokes. Where none is so good, what is under 60 % of the heavy end of the paired strokes is light.
     """
     length = strokes.length * metres_per_px
     use = candidates & (length >= _SHORTEST)
@@ -158,16 +159,17 @@ def lightest_wall_pen(
     cuts = np.arange(weight[use].min(), weight[use].max() + _STEP, _STEP)
     density = np.histogram(weight[use], np.append(cuts, cuts[-1] + _STEP), weights=length[use])[0]
     span = _span(strokes, use)
+    least = max(_LEAST_PAIRED * paired_length(pairs, use, length), _LEAST_OF_ALL * float(length[use].sum()))
     shares, best = [], 0
     for k, cut in enumerate(cuts):
         heavy = use & (weight >= cut)
         pen = heavy & ((weight <= cut + _ONE_PEN) | (k == 0))
         paired = paired_length(pairs, heavy, np.where(pen, length, 0.0))
-        shares.append((paired / max(float(length[pen].sum()), 1e-9), paired))
+        shares.append(paired / max(float(length[pen].sum()), 1e-9))
         spans = heavy.any() and bool((_span(strokes, heavy) >= _LEAST_SPAN * span).all())
-        if spans and paired >= _LEAST_PAIRED * shares[0][1] and shares[k][0] > shares[best][0]:
+        if spans and paired >= least and shares[k] > shares[best]:
             best = k
-    if best == 0 or shares[best][0] < max(_LEAST_SHARE, shares[0][0] + _BETTER):
+    if best == 0 or shares[best] < max(_LEAST_SHARE, shares[0] + _BETTER):
         return _LIGHT * _heavy_end(strokes, pairs, candidates, length)
     first = max(0, best - 4)
     return float(np.exp(cuts[first + int(np.argmin(density[first : best + 1]))]))
@@ -194,7 +196,7 @@ def _heavy_end(
     """Return the weight that 60 % of the length of the paired strokes does not exceed."""
     good = (pairs.overlap >= 0.8) & candidates[pairs.first] & candidates[pairs.second]
     members = np.unique(np.concatenate([pairs.first[good], pairs.second[good]]))
-    if not len(members):
+    if length[members].sum() < _LEAST_OF_ALL * length[candidates].sum():
         members = np.flatnonzero(candidates & (length >= 1.0))
     if not len(members):
         return 0.0

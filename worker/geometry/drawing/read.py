@@ -25,7 +25,7 @@ Progress = Callable[[str, float], None]
 
 _ASSUMED_EXTENT = 30.0
 _MOST_DUST = 5_000
-_MOSTLY_FACE = 0.3
+_MOSTLY_FACE, _FEW_FACES = 0.3, 0.12
 _LEAST_PARTITION, _LEAST_REST = 0.5, 0.1
 _REASONS = {
     "speck": "free-standing and smaller than 12 cm",
@@ -126,10 +126,9 @@ def _sort_out(
     sorting.put("dashed", dashed(strokes, parts, m))
     for name, which in cleanup.small_parts(strokes, parts, m).items():
         sorting.put(name, which)
+    sorting.put("lane", cleanup.from_dot_to_dot(strokes, parts, m))
     thick = thick_mask(ink, parts.without(_parts_of(sorting)), _line_width(strokes, m))
-    sorting.put("lane", cleanup.from_dot_to_dot(strokes, parts, thick, m))
-    thick &= parts.without(_parts_of(sorting))
-    bars, columns, blots = filled_walls(ink, thick)
+    bars, columns, blots = filled_walls(ink, thick, least_pier=2.0 * _line_width(strokes, m, share=0.5))
     sorting.removed += [RemovedStroke((line,), "blot", _REASONS["blot"]) for line in blots]
     tell("pairs", 0.7)
     in_thick = _mostly_in(strokes, thick)
@@ -161,9 +160,11 @@ def _line_walls(sorting: _Sorting, thick: NDArray[np.bool_]) -> tuple[list[Wall]
     candidates = sorting.candidates & ~_mostly_in(strokes, thick)
     pairs = find_pairs(strokes, m, among=candidates)
     outlined, used = outlined_walls(ink, strokes, pairs, candidates)
-    share = np.array([cells.mean() for cells in used])
-    own_pen = pens.like_most(strokes, share > _MOSTLY_FACE)
-    singles = single_walls(ink, strokes, candidates, share > _MOSTLY_FACE)
+    face = np.array([cells.mean() for cells in used]) > _MOSTLY_FACE
+    if strokes.length[face & candidates].sum() < _FEW_FACES * strokes.length[candidates].sum():
+        outlined, used, face = [], [np.zeros_like(cells) for cells in used], np.zeros_like(face)
+    own_pen = pens.like_most(strokes, face)
+    singles = single_walls(ink, strokes, candidates, face)
     alone = []
     for i in np.flatnonzero(candidates):
         for piece in rest(strokes.ends[i], used[i]):
@@ -182,10 +183,11 @@ def _parts_of(sorting: _Sorting) -> NDArray[np.int64]:
     return np.unique(sorting.strokes.part[~sorting.candidates])
 
 
-def _line_width(strokes: Strokes, m: float) -> float:
+def _line_width(strokes: Strokes, m: float, *, share: float = 0.2) -> float:
+    """Return the width [m] that the given share of all length does not exceed."""
     order = np.argsort(strokes.width, kind="stable")
-    share = np.cumsum(strokes.length[order]) / max(float(strokes.length.sum()), 1e-9)
-    at = min(int(np.searchsorted(share, 0.2)), len(order) - 1)
+    passed = np.cumsum(strokes.length[order]) / max(float(strokes.length.sum()), 1e-9)
+    at = min(int(np.searchsorted(passed, share)), len(order) - 1)
     return float(strokes.width[order[at]] * m)
 
 

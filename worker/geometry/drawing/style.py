@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.ink import Ink
@@ -12,16 +13,18 @@ from worker.geometry.drawing.reading import Wall
 from worker.geometry.drawing.strokes import Strokes
 
 _SPAN = 0.5
+_LEAST_BAR, _JOINED, _TOUCH = 0.8, 0.5, 0.05
 _SHARE_OF_LINES, _SHARE_OF_PAIRS = 0.12, 0.6
 
 
 def is_filled(strokes: Strokes, bars: list[Wall], lines: NDArray[np.bool_], ink: Ink) -> bool:
     """Return whether the walls are the `bars`, and the thin `lines` are not.
 
-    Filled walls span the drawing, are a fair part of all that is drawn, and are longer than the walls that
-    the thin lines would make: half the length of those that run in pairs.
+    Filled walls join at corners, span the drawing, are a fair part of all that is drawn, and are longer than
+    the walls that the thin lines would make: half the length of those that run in pairs.
     """
-    if not bars:
+    bars = [w for w in bars if w.length >= _LEAST_BAR]
+    if not bars or _joined(bars) < _JOINED:
         return False
     length = strokes.length * ink.metres_per_px
     filled = sum(w.length for w in bars)
@@ -32,3 +35,19 @@ def is_filled(strokes: Strokes, bars: list[Wall], lines: NDArray[np.bool_], ink:
         return False
     pairs = find_pairs(strokes, ink.metres_per_px, among=lines)
     return filled >= _SHARE_OF_PAIRS * paired_length(pairs, lines, length) / 2.0
+
+
+def _joined(bars: list[Wall]) -> float:
+    """Return the share of the bars' length that has an end on another bar: dashes have none."""
+    bodies = shapely.linestrings([w.centre for w in bars])
+    reach = np.array([w.thickness / 2 + _TOUCH for w in bars])
+    tree = shapely.STRtree(bodies)
+    joined = np.zeros(len(bars), dtype=bool)
+    for end in (0, -1):
+        tips = shapely.points([w.centre[end] for w in bars])
+        one, other = tree.query(tips, predicate="dwithin", distance=2 * float(reach.max()))
+        near = (one != other) & (shapely.distance(tips[one], bodies[other]) <= reach[one] + reach[other])
+        joined[one[near]] = True
+        joined[other[near]] = True
+    length = np.array([w.length for w in bars])
+    return float(length[joined].sum() / length.sum())

@@ -13,6 +13,8 @@ from worker.geometry.drawing.strokes import Strokes, find_strokes
 
 _THICK, _THICK_LINES, _THICK_PX, _THINNEST_LINE = 0.07, 2.5, 2.6, 0.08
 _WALL_BAR = 0.4
+_PIER_SURE = 0.3
+_PIER_LEAST, _PIER_LEAST_PX, _PIER_FILL, _PIER_ASPECT = 0.15, 5.0, 0.6, 1.8
 _MIN_OVERLAP = 0.3
 _MIN_SINGLE = 0.7
 _TOUCH = 0.15
@@ -22,16 +24,21 @@ _STEP = 0.05
 def thick_mask(ink: Ink, mask: NDArray[np.bool_], line_width: float) -> NDArray[np.bool_]:
     """Return the part of the `mask` that is much thicker than the drawing's lines: filled walls and piers.
 
-    `line_width` is that of the thin lines [m]; thick is 2.5 times as much, and at least 7 cm.
+    `line_width` is that of the thin lines [m], of which 8 cm count at most; thick is 2.5 times as
+    much, and at least 7 cm.
     """
-    least = max(_THICK, _THICK_LINES * min(line_width, _THINNEST_LINE), _THICK_PX * ink.metres_per_px)
+    least = max(
+        _THICK,
+        _THICK_LINES * min(line_width, _THINNEST_LINE),
+        _THICK_PX * ink.metres_per_px,
+    )
     diameter = max(3, int(np.ceil(least / ink.metres_per_px)))
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
     return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel), dtype=np.bool_)
 
 
 def filled_walls(
-    ink: Ink, thick: NDArray[np.bool_]
+    ink: Ink, thick: NDArray[np.bool_], *, least_pier: float
 ) -> tuple[list[Wall], list[Column], list[NDArray[np.float64]]]:
     """Return walls drawn as bars, with the drawn width as thickness, piers as columns, and what is neither.
 
@@ -39,9 +46,10 @@ def filled_walls(
     blots.
     """
     m = ink.metres_per_px
+    columns, piers = _piers(ink, thick, min(least_pier, _PIER_SURE))
     strokes = find_strokes(ink, thick)
     width, length = strokes.width * m, strokes.length * m
-    keep = length >= np.maximum(1.0 * width, 0.1)
+    keep = (length >= np.maximum(1.0 * width, 0.1)) & ~np.isin(strokes.part, piers)
     reach = np.zeros(int(strokes.part.max(initial=0)) + 1)
     np.maximum.at(reach, strokes.part, np.where(keep, length + width, 0.0))
     keep &= (reach[strokes.part] >= _WALL_BAR) & (length + width >= 1.6 * width)
@@ -50,20 +58,20 @@ def filled_walls(
         more = strokes.direction[i] * strokes.width[i] / 2
         ends = np.vstack([strokes.ends[i, 0] - more, strokes.ends[i, 1] + more])
         walls.append(Wall.of(ink.to_drawing(ends), thickness=float(width[i])))
-    columns, piers = _piers(ink, thick, set(np.unique(strokes.part[keep]).tolist()))
     known = np.isin(strokes.part, [*piers, *np.unique(strokes.part[keep])])
     return walls, columns, [ink.to_drawing(strokes.ends[i]) for i in np.flatnonzero(~known)]
 
 
-def _piers(ink: Ink, thick: NDArray[np.bool_], taken: set[int]) -> tuple[list[Column], list[int]]:
-    """Return the solid parts that are no bars as columns, and their numbers."""
+def _piers(ink: Ink, thick: NDArray[np.bool_], least: float) -> tuple[list[Column], list[int]]:
+    """Return the solid parts about as long as wide as columns, and their numbers."""
     count, labels, stats, _ = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=8)
     m = ink.metres_per_px
     out: list[Column] = []
     piers: list[int] = []
     for part in range(1, count):
         x, y, w, h, area = stats[part]
-        if part in taken or min(w, h) < max(0.15 / m, 5.0) or area < 0.6 * w * h:
+        small = min(w, h) < max(_PIER_LEAST / m, _PIER_LEAST_PX, least / m)
+        if small or area < _PIER_FILL * w * h or max(w, h) > _PIER_ASPECT * min(w, h):
             continue
         one = (labels[y : y + h, x : x + w] == part).astype(np.uint8)
         contours, _ = cv2.findContours(
