@@ -39,7 +39,7 @@ def cell_moments(
     are found by a hash table that grows with them. One thread; the same order of points gives the same bits.
     """
     if len(points) and not (np.abs(points).max() / resolution < REACH - 1):
-        msg = f"points reach {REACH - 1} cells of {resolution} m from the origin, or are not finite"
+        msg = f"points reach farther than {REACH - 2} cells of {resolution} m from the origin"
         raise ValueError(msg)
     table_keys = np.full(_SLOTS, -1, dtype=np.int64)
     table_rows = np.full(_SLOTS, -1, dtype=np.int64)
