@@ -25,3 +25,5 @@ class Bounds:
     max_dxf_bytes: int = 96 << 20
     max_dwg_memory_bytes: int = 1536 << 20
     max_dwg_seconds: int = 60
+    max_scan_memory_bytes: int = 2 << 30
+    max_scan_seconds: float = 120.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from dataclasses import dataclass
 from enum import StrEnum
 
@@ -13,7 +14,12 @@ HEAD_BYTES = 1 << 16
 
 _WHITE = b" \t\r\n\xef\xbb\xbf"
 _OBJ = re.compile(rb"(?:\s*(?:#[^\n]*)?\n)*\s*(?:mtllib|usemtl|o|g|v|vn|vt)[ \t]")
-_NUMBERS = re.compile(rb"\s*-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?(?:[ \t,;]+-?\d+(?:\.\d*)?(?:[eE][-+]?\d+)?){2,}")
+_NUMBER = rb"[-+]?(?:\d+(?:\.\d*)?|\.\d+|nan|inf)(?:e[-+]?\d+)?"
+_NUMBERS = re.compile(rb"\s*" + _NUMBER + rb"(?:[ \t,;]+" + _NUMBER + rb"){2,}", re.IGNORECASE)
+_AXES = tuple(re.compile(rb"\b" + axis + rb"(?:_m)?\b", re.IGNORECASE) for axis in (b"x", b"y", b"z"))
+_MOST_HEADER_LINES = 20
+_STL_TEXT = re.compile(rb"solid[^\n]*\n\s*(?:facet|endsolid)\b", re.IGNORECASE)
+_STL_RECORD_BYTES = 50
 _PCD = re.compile(rb"\s*(?:#[^\n]*\n\s*)*(?:VERSION|FIELDS|COLUMNS)[ \t]", re.IGNORECASE)
 _DXF = re.compile(rb"\s*(?:999\r?\n[^\n]*\n\s*)*0[ \t]*\r?\n\s*SECTION\s")
 _PGM = re.compile(rb"P[25]\s+(?:#[^\n]*\n\s*)*\d")
@@ -51,7 +57,6 @@ class Media:
     advice: str = ""
 
 
-_EXPORT_SCAN = "Scans of this kind are not read yet: export the point cloud as PLY or PCD."
 _UNPACK = (
     "Archives are not read, but for a ZIP of a ROS map (map.yaml and its image): unpack it and upload the "
     "drawing or the scan alone."
@@ -74,14 +79,23 @@ ROS_MAP_ZIP = Media("a ZIP of a ROS map", "application/vnd.groundplan.ros-map+zi
 BUILDING_YAML = Media("an Open-RMF building.yaml", "application/vnd.groundplan.building", Purpose.DRAWING)
 PLY = Media("a PLY point cloud", "application/vnd.groundplan.ply", Purpose.SCAN)
 PCD = Media("a PCD point cloud", "application/vnd.groundplan.pcd", Purpose.SCAN)
-_ZIP = Media("a ZIP archive (or a USDZ, DOCX, XLSX or 3MF file)", "application/zip", advice=_UNPACK)
+LAS = Media("a LAS or LAZ point cloud", "application/vnd.las", Purpose.SCAN)
+E57 = Media("an E57 point cloud", "model/e57", Purpose.SCAN)
+GLB = Media("a GLB model", "model/gltf-binary", Purpose.SCAN)
+OBJ = Media("an OBJ model", "model/obj", Purpose.SCAN)
+STL = Media("an STL model", "model/stl", Purpose.SCAN)
+USD = Media("a USD model", "model/vnd.usd", Purpose.SCAN)
+USDZ = Media("a USDZ model", "model/vnd.usdz+zip", Purpose.SCAN)
+XYZ = Media("a list of numbers (XYZ, PTS or CSV)", "text/plain", Purpose.SCAN)
+_ZIP = Media("a ZIP archive (or a DOCX, XLSX or 3MF file)", "application/zip", advice=_UNPACK)
 _TEXT = Media("a text file", "text/plain", advice="It is neither a drawing nor a scan.")
 _UNKNOWN = Media("of no kind that is known here", "application/octet-stream", advice="")
 
 _TAKEN = {
     Purpose.DRAWING: "PNG, JPEG, TIFF, BMP or WebP images, PDF, DXF, DWG, SVG or IFC files, a ZIP of a ROS "
     "map.yaml with its image, or an Open-RMF building.yaml",
-    Purpose.SCAN: "PLY or PCD point clouds",
+    Purpose.SCAN: "PLY, PCD, LAS, LAZ, E57, XYZ, PTS or CSV point clouds, or OBJ, GLB, STL, USDZ or PLY "
+    "meshes",
 }
 
 _MAGIC: tuple[tuple[bytes, Media], ...] = (
@@ -98,10 +112,11 @@ _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"AC10", DWG),
     (b"AutoCAD Binary DXF", DXF),
     (b"ISO-10303-21;", IFC),
-    (b"glTF", Media("a GLB model", "model/gltf-binary", advice=_EXPORT_SCAN)),
-    (b"LASF", Media("a LAS or LAZ point cloud", "application/vnd.las", advice=_EXPORT_SCAN)),
-    (b"ASTM-E57", Media("an E57 point cloud", "model/e57", advice=_EXPORT_SCAN)),
-    (b"PXR-USDC", Media("a USD model", "model/vnd.usd", advice=_EXPORT_SCAN)),
+    (b"glTF", GLB),
+    (b"LASF", LAS),
+    (b"ASTM-E57", E57),
+    (b"PXR-USDC", USD),
+    (b"#usda ", USD),
     (b"PK\x05\x06", _ZIP),
     (b"7z\xbc\xaf\x27\x1c", Media("a 7z archive", "application/x-7z-compressed", advice=_UNPACK)),
     (b"Rar!\x1a\x07", Media("a RAR archive", "application/vnd.rar", advice=_UNPACK)),
@@ -110,8 +125,6 @@ _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"8BPS", Media("a Photoshop image", "image/vnd.adobe.photoshop", advice=_EXPORT_IMAGE)),
 )
 _HTML = Media("a web page", "text/html", advice="The download may have saved an error page instead.")
-_OBJ_MEDIA = Media("an OBJ model", "model/obj", advice=_EXPORT_SCAN)
-_XYZ = Media("a list of numbers (XYZ, PTS or CSV)", "text/plain", advice=_EXPORT_SCAN)
 _HEIC = Media("a HEIC, AVIF or MP4 file", "image/heic", advice=_EXPORT_IMAGE)
 
 
@@ -136,7 +149,9 @@ def recognise(head: bytes) -> Media:
     contained = _recognise_container(head)
     if contained is not None:
         return contained
-    return _recognise_text(head) if _is_text(head) else _UNKNOWN
+    if _is_text(head):
+        return _recognise_text(head)
+    return STL if _is_binary_stl(head) else _UNKNOWN
 
 
 def _recognise_container(head: bytes) -> Media | None:
@@ -196,10 +211,41 @@ def _recognise_text(head: bytes) -> Media:
     ):
         if is_it:
             return media
-    for pattern, media in ((_PCD, PCD), (_DXF, DXF), (_OBJ, _OBJ_MEDIA), (_NUMBERS, _XYZ)):
+    for pattern, media in ((_PCD, PCD), (_DXF, DXF), (_OBJ, OBJ), (_STL_TEXT, STL)):
         if pattern.match(start[:4096]):
             return media
+    if _is_point_list(start[:4096]):
+        return XYZ
     return _recognise_yaml(start)
+
+
+def _is_point_list(start: bytes) -> bool:
+    """Whether a row of three numbers comes first, or after remarks, a count and a line of names."""
+    for line in start.splitlines()[: _MOST_HEADER_LINES + 1]:
+        if _NUMBERS.match(line):
+            return True
+        text = line.strip().strip(b'"')
+        if text and not (text.startswith((b"#", b"//")) or text.isdigit() or _names_axes(text)):
+            return False
+    return False
+
+
+def _names_axes(line: bytes) -> bool:
+    return all(axis.search(line) for axis in _AXES)
+
+
+def _is_binary_stl(head: bytes) -> bool:
+    """Whether triangles follow a header of 84 bytes, by their normals: the format has no magic number."""
+    count = int.from_bytes(head[80:84], "little")
+    seen = min(count, (len(head) - 84) // _STL_RECORD_BYTES, 8)
+    if seen < 1:
+        return False
+    for at in range(84, 84 + seen * _STL_RECORD_BYTES, _STL_RECORD_BYTES):
+        x, y, z = struct.unpack("<3f", head[at : at + 12])
+        length = x * x + y * y + z * z
+        if not (length == 0.0 or 0.9 < length < 1.1):
+            return False
+    return True
 
 
 def _recognise_yaml(start: bytes) -> Media:
@@ -211,6 +257,8 @@ def _recognise_yaml(start: bytes) -> Media:
 def _recognise_zip(head: bytes) -> Media:
     """Return what a ZIP holds by the names in its first local headers (APPNOTE 4.3.7)."""
     names = [name.lower() for name in _names_in(head) if not name.endswith(b"/")]
+    if names and names[0].endswith((b".usdc", b".usda", b".usd")):
+        return USDZ
     if any(name.endswith((b".yaml", b".yml", b".pgm")) for name in names):
         return ROS_MAP_ZIP
     return ROS_MAP_ZIP if names and names[0].endswith((b".png", b".bmp")) else _ZIP

@@ -35,21 +35,23 @@ _FORMATS = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": 
 
 
 @dataclass(frozen=True)
-class _Property:
+class PlyProperty:
     """Hold one property: its name, the bytes of its value, and of its length if it is a list."""
 
     name: str
     value_bytes: int
     length_bytes: int
+    value_type: str = ""
+    length_type: str = ""
 
 
 @dataclass(frozen=True)
-class _Element:
+class PlyElement:
     """Hold one element of the header: its name, how many, and its properties."""
 
     name: str
     count: int
-    properties: tuple[_Property, ...]
+    properties: tuple[PlyProperty, ...]
 
     def least_bytes(self, *, text: bool) -> int:
         """Return the fewest bytes that the body needs for this element."""
@@ -59,11 +61,11 @@ class _Element:
 
 
 @dataclass(frozen=True)
-class _Header:
+class PlyHeader:
     """Hold what the text at the top of the file promises."""
 
     encoding: str
-    elements: tuple[_Element, ...]
+    elements: tuple[PlyElement, ...]
     data_offset: int
 
 
@@ -105,8 +107,7 @@ def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
     size = path.stat().st_size
     if size == 0:
         raise FileEmpty("The PLY file has no bytes.")
-    with path.open("rb") as file:
-        header = _read_header(file.read(_MAX_HEADER_BYTES))
+    header = read_ply_header(path)
     vertex = _check(header, size=size, bounds=bounds)
     points = _read_text(path, header, vertex) if header.encoding == "ascii" else _read_binary(path)
     if len(points) != vertex.count:
@@ -119,7 +120,19 @@ def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
     return PointCloud.of(points)
 
 
-def _read_header(head: bytes) -> _Header:
+def read_ply_header(path: Path) -> PlyHeader:
+    """Return what a PLY file's header promises; nothing of it has been compared with the bytes yet.
+
+    Raises
+    ------
+    FileTruncated, FileMalformed, UnsupportedMedia
+        As `read_ply` does.
+    """
+    with path.open("rb") as file:
+        return _read_header(file.read(_MAX_HEADER_BYTES))
+
+
+def _read_header(head: bytes) -> PlyHeader:
     """Return the header parsed from the first bytes of the file."""
     if not head.startswith((b"ply\n", b"ply\r")):
         raise UnsupportedMedia("The file does not begin with the line 'ply'.")
@@ -130,7 +143,7 @@ def _read_header(head: bytes) -> _Header:
             raise FileTruncated("The PLY file ends inside its header: no end_header line was found.")
         raise FileMalformed(f"No end_header within the first {_MAX_HEADER_BYTES} bytes of the PLY file.")
     encoding, elements = "", []
-    properties: list[_Property] = []
+    properties: list[PlyProperty] = []
     for line in head[:end].decode("ascii", errors="replace").splitlines()[1:]:
         words = line.split()
         if not words or words[0] in {"comment", "obj_info"}:
@@ -146,10 +159,10 @@ def _read_header(head: bytes) -> _Header:
             raise FileMalformed(f"The PLY header holds a line that the format does not know: {line[:80]!r}.")
     if not encoding:
         raise FileMalformed("The PLY header names no format.")
-    return _Header(encoding, tuple(_Element(n, c, tuple(p)) for n, c, p in elements), stop + 1)
+    return PlyHeader(encoding, tuple(PlyElement(n, c, tuple(p)) for n, c, p in elements), stop + 1)
 
 
-def _property(words: list[str]) -> _Property:
+def _property(words: list[str]) -> PlyProperty:
     """Return one property line's meaning."""
     types = words[2:4] if len(words) == 5 and words[1] == "list" else words[1:2]
     if len(words) not in {3, 5} or any(name not in _BYTES for name in types):
@@ -157,10 +170,10 @@ def _property(words: list[str]) -> _Property:
             f"The PLY header holds a property that is not understood: {' '.join(words)[:80]!r}."
         )
     length = _BYTES[types[0]] if len(types) == 2 else 0
-    return _Property(words[-1], _BYTES[types[-1]], length)
+    return PlyProperty(words[-1], _BYTES[types[-1]], length, types[-1], types[0] if length else "")
 
 
-def _check(header: _Header, *, size: int, bounds: Bounds) -> _Element:
+def _check(header: PlyHeader, *, size: int, bounds: Bounds) -> PlyElement:
     """Return the vertices' element; refuse numbers that the file cannot hold, before allocating."""
     vertex = next((e for e in header.elements if e.name == "vertex"), None)
     if vertex is None or vertex.count == 0:
@@ -183,7 +196,7 @@ def _check(header: _Header, *, size: int, bounds: Bounds) -> _Element:
     return vertex
 
 
-def _read_text(path: Path, header: _Header, vertex: _Element) -> NDArray[np.float64]:
+def _read_text(path: Path, header: PlyHeader, vertex: PlyElement) -> NDArray[np.float64]:
     """Return x, y, z of a body of text; elements before the vertices take a line each."""
     before = 0
     for element in header.elements:

@@ -1,56 +1,147 @@
-"""Tablet scans of any kind that is read here, told apart by their own bytes."""
+"""Scans of any kind that is read here, told apart by their own bytes, in the file's axes or upright."""
 
 from __future__ import annotations
 
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
 
+from service.domain import media
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, UnsupportedMedia
 from service.domain.findings import Finding
+from service.domain.scan_options import ScanOptions
+from worker.formats.glb import load_glb
+from worker.formats.mesh import load_obj, load_stl
 from worker.formats.pcd import read_pcd
-from worker.formats.ply import read_ply
+from worker.formats.ply_faces import load_ply
+from worker.formats.scan_process import load_apart
+from worker.formats.xyz import load_xyz
 from worker.geometry.cloud.point_cloud import PointCloud
+from worker.geometry.scan.file_scan import FileScan
+from worker.geometry.scan.upright import UprightScan, make_upright
 
 _LARGEST_EXTENT = 500.0
 _SMALLEST_EXTENT = 0.3
-_PCD_STARTS = (b"# .PCD", b"VERSION", b"FIELDS", b"#.PCD")
 
 
-def read_scan(path: Path, bounds: Bounds | None = None) -> PointCloud:
-    """Return the points of a PLY or PCD file, whatever its name says, in the file's own units and axes.
+def load_scan(path: Path, bounds: Bounds | None = None) -> FileScan:
+    """Return the points or the mesh of a scan, whatever its name says, in the file's own unit and axes.
 
     Parameters
     ----------
     path : Path
-        The file.
+        A PLY, PCD, LAS, LAZ, E57, XYZ, PTS, CSV, OBJ, GLB, STL, USDZ, USDC or USDA file.
     bounds : Bounds, optional
-        The most points to read.
-
-    Returns
-    -------
-    PointCloud
-        N >= 1 points. That they are metres with z up is not checked here: see `scan_findings`.
+        The most points to read; for LAS, E57 and USD also the most memory and time.
 
     Raises
     ------
     UnsupportedMedia
-        If the bytes begin like neither.
+        If the bytes begin like none of these.
     FileEmpty
         If the file has no bytes, or no point.
     Rejected
-        As `read_ply` and `read_pcd` do.
+        As the kind's loader does.
     """
-    with Path(path).open("rb") as file:
-        head = file.read(512)
+    path, bounds = Path(path), bounds or Bounds()
+    with path.open("rb") as file:
+        head = file.read(media.HEAD_BYTES)
     if not head:
         raise FileEmpty("The scan has no bytes.")
-    if head.startswith((b"ply\n", b"ply\r")):
-        return read_ply(path, bounds or Bounds())
-    if head.lstrip().startswith(_PCD_STARTS) or (head.startswith(b"#") and b"\nVERSION" in head):
-        return read_pcd(path, bounds or Bounds())
-    raise UnsupportedMedia("The scan is neither a PLY nor a PCD file, by its own first bytes.")
+    found = media.recognise(head)
+    loader = _LOADERS.get(found)
+    if loader is None:
+        raise UnsupportedMedia(
+            f"The scan is {found.name}, by its own first bytes; PLY, PCD, LAS, LAZ, E57, XYZ, PTS and CSV "
+            "point clouds and OBJ, GLB, STL, USDZ and PLY meshes are read."
+        )
+    return loader(path, bounds=bounds)
+
+
+def _load_pcd(path: Path, *, bounds: Bounds) -> FileScan:
+    return FileScan(read_pcd(path, bounds), "PCD")
+
+
+_LOADERS: dict[media.Media, Callable[..., FileScan]] = {
+    media.PLY: load_ply,
+    media.PCD: _load_pcd,
+    media.XYZ: load_xyz,
+    media.OBJ: load_obj,
+    media.STL: load_stl,
+    media.LAS: partial(load_apart, "las"),
+    media.E57: partial(load_apart, "e57"),
+    media.GLB: load_glb,
+    media.USD: partial(load_apart, "usd"),
+    media.USDZ: partial(load_apart, "usd"),
+}
+
+
+def read_scan(path: Path, bounds: Bounds | None = None, *, options: ScanOptions | None = None) -> PointCloud:
+    """Return a scan's points in frame `scan`: the file's own axes, in metres, in the file's order.
+
+    A placement's ``T_map_scan`` takes these very coordinates to the map. A file in metres comes back bit by
+    bit, whichever of its axes is up; one in another unit is scaled, a mesh sampled, and one that lies more
+    than 10 km off its origin moved near by the origin that its `ScanFrame` tells.
+
+    Parameters
+    ----------
+    path : Path
+        The file, of any kind that `load_scan` reads.
+    bounds : Bounds, optional
+        The most points to read.
+    options : ScanOptions, optional
+        The up axis and the unit, where a person gave them.
+
+    Returns
+    -------
+    PointCloud
+        N >= 1 points.
+
+    Raises
+    ------
+    Rejected
+        As `load_scan` does.
+    """
+    return read_upright_scan(path, bounds, options=options).scan
+
+
+def read_upright_scan(
+    path: Path, bounds: Bounds | None = None, *, options: ScanOptions | None = None
+) -> UprightScan:
+    """Return a scan in frame `scan`, with the turn that makes it upright and why it was chosen.
+
+    Who places a scan places its ``cloud`` (frame `upright`: z up, levelled) and tells
+    ``T_map_scan = T_map_upright @ frame.T_upright_scan``: that holds for what `read_scan` returns.
+
+    Parameters
+    ----------
+    path : Path
+        The file, of any kind that `load_scan` reads.
+    bounds : Bounds, optional
+        The most points to read.
+    options : ScanOptions, optional
+        The up axis and the unit, where a person gave them.
+
+    Raises
+    ------
+    Rejected
+        As `load_scan` does.
+    """
+    return make_upright(load_scan(path, bounds), options)
+
+
+def read_map_points(path: Path, bounds: Bounds | None = None) -> PointCloud:
+    """Return the points of a file that is in frame `map` already: its numbers are taken as metres, z up.
+
+    Raises
+    ------
+    Rejected
+        As `load_scan` does.
+    """
+    return load_scan(path, bounds).cloud(1.0)
 
 
 def scan_findings(scan: PointCloud) -> tuple[Finding, ...]:

@@ -1,0 +1,78 @@
+"""The program that reads a scan by native libraries: on an untrusted file, so in a process of its own.
+
+Its arguments are the kind, the file, where to write the arrays, the most points, the most bytes of memory and
+its parent. It writes one JSON object to standard output, ``{"kind", "statement"}`` or
+``{"refused": leaf, "detail": ...}``; it dies with its parent.
+"""
+
+from __future__ import annotations
+
+import ctypes
+import importlib
+import json
+import os
+import resource
+import signal
+import sys
+from dataclasses import asdict
+from pathlib import Path
+
+import numpy as np
+
+from service.domain.bounds import Bounds
+from service.domain.errors import FileMalformed, Rejected
+from worker.geometry.scan.mesh_sampling import Mesh
+
+LOADERS = {
+    "las": ("worker.formats.las", "load_las"),
+    "e57": ("worker.formats.e57", "load_e57"),
+    "usd": ("worker.formats.usd", "load_usd"),
+}
+"""Kind to its loader: what is imported here is never imported by the parent."""
+
+_PR_SET_PDEATHSIG = 1
+
+
+def main() -> int:
+    """Read one file; return 0 also where it is refused."""
+    kind, path, output, most_points, memory, parent = sys.argv[1:7]
+    answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
+    os.dup2(2, 1)
+    _limit(int(memory), int(parent))
+    module, name = LOADERS[kind]
+    try:
+        loaded = getattr(importlib.import_module(module), name)(
+            Path(path), bounds=Bounds(max_points=int(most_points))
+        )
+        if isinstance(loaded.surface, Mesh):
+            np.savez(output, vertices=loaded.surface.vertices, triangles=loaded.surface.triangles)
+        else:
+            np.savez(output, points=loaded.surface.points)
+        answer = {"kind": loaded.kind, "statement": asdict(loaded.statement)}
+    except Rejected as refusal:
+        answer = {"refused": type(refusal).__name__, "detail": refusal.detail, "members": refusal.members}
+    except MemoryError:
+        detail = (
+            f"Reading the file needs more memory than the {int(memory) >> 20} MiB that are given to one scan."
+        )
+        answer = {"refused": FileMalformed.__name__, "detail": detail, "members": {}}
+    json.dump(answer, answers)
+    answers.write("\n")
+    answers.close()
+    return 0
+
+
+def _limit(memory_bytes: int, parent: int) -> None:
+    """Bound this process's memory, write no core, and die with the parent."""
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, hard))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    if sys.platform == "linux":
+        ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGKILL, 0, 0, 0)
+        if os.getppid() != parent:
+            sys.exit(1)
+
+
+if __name__ == "__main__":
+    sys.exit(main())

@@ -1,0 +1,84 @@
+"""The child process that reads a scan by native libraries, as its parent sees it."""
+
+from __future__ import annotations
+
+import json
+import os
+import subprocess
+import sys
+import tempfile
+from pathlib import Path
+
+import numpy as np
+
+from service.domain import errors
+from service.domain.bounds import Bounds
+from worker.geometry.cloud.point_cloud import PointCloud
+from worker.geometry.scan.file_scan import FileScan, Statement
+from worker.geometry.scan.mesh_sampling import Mesh
+
+
+def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
+    """Return a scan that `worker.formats.scan_kernel` reads in a process of its own.
+
+    libE57, Pixar's USD and LASzip's port are native code on an untrusted file: they may crash, hang or take
+    all memory, and take only their own process with them.
+
+    Parameters
+    ----------
+    kind : str
+        One of `worker.formats.scan_kernel.LOADERS`.
+    path : Path
+        The file.
+    bounds : Bounds
+        The most points, seconds and bytes of memory.
+
+    Raises
+    ------
+    FileMalformed
+        If the library crashes on the file, or needs more time or memory than `bounds` give.
+    Rejected
+        As the kind's loader does.
+    """
+    with tempfile.TemporaryDirectory(prefix="groundplan-scan-") as folder:
+        output = Path(folder) / "scan.npz"
+        command = [
+            sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.resolve()), str(output),
+            str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),
+        ]  # fmt: skip
+        try:
+            done = subprocess.run(
+                command,
+                capture_output=True,
+                timeout=bounds.max_scan_seconds,
+                check=False,
+                stdin=subprocess.DEVNULL,
+            )
+        except subprocess.TimeoutExpired as error:
+            raise errors.FileMalformed(
+                f"Reading the {kind.upper()} file takes longer than {bounds.max_scan_seconds:g} s: it is "
+                "damaged, or should be thinned before it is uploaded."
+            ) from error
+        if done.returncode != 0 or not done.stdout.endswith(b"\n"):
+            how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+            raise errors.FileMalformed(
+                f"The reader of {kind.upper()} files crashed on this one ({how}): it is damaged. "
+                "Export it again."
+            )
+        return _loaded(json.loads(done.stdout), output)
+
+
+def _loaded(answer: dict[str, object], output: Path) -> FileScan:
+    if "refused" in answer:
+        leaf = getattr(errors, str(answer["refused"]))
+        members = answer["members"]
+        assert isinstance(members, dict)
+        raise leaf(str(answer["detail"]), **members)
+    said = answer["statement"]
+    assert isinstance(said, dict)
+    with np.load(output, allow_pickle=False) as arrays:
+        if "points" in arrays:
+            surface: PointCloud | Mesh = PointCloud.of(arrays["points"])
+        else:
+            surface = Mesh(arrays["vertices"], arrays["triangles"])
+    return FileScan(surface, str(answer["kind"]), Statement(**said))

@@ -1,0 +1,1 @@
+"""From a scan as its file gives it to one in metres with z up: units, axes, levels, outliers, meshes."""

@@ -1,0 +1,24 @@
+"""A choice about a scan, with who made it and why."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, Generic, Literal, TypeVar
+
+T = TypeVar("T")
+
+Source = Literal["given", "stated", "found", "assumed"]
+"""Given by a person, stated by the file, found from the points, or assumed for want of all of these."""
+
+
+@dataclass(frozen=True)
+class Choice(Generic[T]):
+    """Hold a value, where it comes from, and the sentences that speak for it."""
+
+    value: T
+    source: Source
+    evidence: tuple[str, ...]
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the choice as a JSON object."""
+        return {"value": self.value, "source": self.source, "evidence": list(self.evidence)}
