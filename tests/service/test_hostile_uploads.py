@@ -102,6 +102,7 @@ def _nan_cloud(write: Any) -> bytes:
 
 
 ROOM = files.room()
+ENTITIES = b'<?xml version="1.0"?><!DOCTYPE svg [<!ENTITY a "aa"><!ENTITY b "&a;&a;">]><svg>&b;</svg>'
 HOSTILE = {
     "truncated PLY": ("scans", lambda: files.ply(ROOM)[:-1000], "file-truncated"),
     "truncated PCD": ("scans", lambda: files.pcd(ROOM)[:-1000], "file-truncated"),
@@ -131,6 +132,15 @@ HOSTILE = {
     "noise named .png": ("drawings", lambda: np.random.default_rng(1).bytes(5000), "unsupported-media"),
     "PNG of 60000 x 60000": ("drawings", lambda: files.white_png(60_000, 60_000), "image-too-large"),
     "truncated PNG": ("drawings", lambda: files.png(400, 300)[:-5000], "file-truncated"),
+    "cut PDF": ("drawings", lambda: b"%PDF-1.7\n1 0 obj", "file-truncated"),
+    "SVG with entities": ("drawings", lambda: ENTITIES, "file-malformed"),
+    "cut IFC": ("drawings", lambda: b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=IFCWALL(", "file-truncated"),
+    "cut DXF": ("drawings", lambda: b"  0\nSECTION\n  2\nENTITIES\n  0\nLINE\n", "file-truncated"),
+    "cut DWG": ("drawings", lambda: b"AC1032" + bytes(20), "file-truncated"),
+    "map.yaml alone": ("drawings", lambda: b"image: a.pgm\nresolution: 0.05\n", "header-mismatch"),
+    "levels that are none": ("drawings", lambda: b"levels:\n  L1: [1]\n", "file-malformed"),
+    "PGM of 60000 x 60000": ("drawings", lambda: b"P5\n60000 60000\n255\n", "image-too-large"),
+    "blank PNG": ("drawings", lambda: files.white_png(300, 200), "no-walls-found"),
     "PNG magic alone": ("drawings", lambda: files.PNG_MAGIC, "file-truncated"),
 }
 
