@@ -16,7 +16,7 @@ _PIER_FILL, _PIER_LEAST = 0.8, 0.15
 _LETTER_WIDEST, _PIECES = 1.3, 2
 _LETTERS, _LETTER_GAP, _LETTER_HIGHEST, _WORD_LONGEST = 3, 0.6, 0.8, 4.0
 _DOTS, _DOT_SHARE, _DOT_WIDEST = 3, 0.6, 0.9
-_DOT_REACH, _DOT_LINES = 0.3, 2.0
+_DOT_REACH, _DOT_LINES, _DOT_LEAST, _LINES_A_DOT = 0.3, 2.0, 0.2, 4
 
 
 def small_parts(strokes: Strokes, parts: Parts, metres_per_px: float) -> dict[str, NDArray[np.bool_]]:
@@ -110,6 +110,8 @@ def from_dot_to_dot(strokes: Strokes, parts: Parts, metres_per_px: float) -> NDA
     out = np.zeros(len(strokes), dtype=bool)
     for part in np.flatnonzero(np.bincount(owner, minlength=len(parts.long)) >= _DOTS):
         own = np.flatnonzero((strokes.part == part) & (strokes.length * metres_per_px >= TEXT))
+        if len(own) > _LINES_A_DOT * int((owner == part).sum()):
+            continue
         tree = cKDTree(dots[owner == part])
         far, at = tree.query(strokes.ends[own].reshape(-1, 2))
         reach = radius[owner == part][at] + _DOT_REACH / metres_per_px
@@ -131,7 +133,7 @@ def _dots(
     across = (wide + high) / 2.0
     full = stats[:, cv2.CC_STAT_AREA] / np.maximum(np.pi / 4 * across**2, 1.0)
     round_ = (np.abs(wide - high) <= np.maximum(3, 0.35 * across)) & (full >= 0.6) & (full <= 1.2)
-    round_ &= (across * metres_per_px <= _DOT_WIDEST) & (across >= 4)
+    round_ &= (across * metres_per_px <= _DOT_WIDEST) & (across >= np.maximum(4, _DOT_LEAST / metres_per_px))
     round_[0] = False
     middle = centres[round_]
     at = np.rint(middle).astype(int)

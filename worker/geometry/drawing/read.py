@@ -18,7 +18,7 @@ from worker.geometry.drawing.parts import measure_parts
 from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale import Scale
 from worker.geometry.drawing.strokes import Strokes, find_strokes
-from worker.geometry.drawing.style import is_filled
+from worker.geometry.drawing.style import by_darkness, is_filled
 from worker.geometry.drawing.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
 
 Progress = Callable[[str, float], None]
@@ -36,6 +36,7 @@ _REASONS = {
     "dashed": "one of a row of free bars: a dashed line",
     "pattern": "one of at least five parallels at one spacing: stairs, planks or tiles",
     "light-pen": "drawn with a clearly lighter pen than the walls",
+    "furniture": "filled, but much lighter than the walls",
     "blot": "thick, but too short for a wall and no pier",
     "thin": "thin, in a drawing whose walls are filled",
     "loose": "neither one of two wall faces nor a long line that leads to a wall",
@@ -134,7 +135,9 @@ def _sort_out(
     in_thick = _mostly_in(strokes, thick)
     if is_filled(sorting.strokes, bars, sorting.candidates & ~in_thick, ink):
         sorting.put("thin", ~in_thick)
-        walls, style = bars, "filled"
+        walls, light = by_darkness(ink, bars)
+        sorting.removed += [RemovedStroke((w.centre,), "furniture", _REASONS["furniture"]) for w in light]
+        style = "filled"
     else:
         _set_light_aside(sorting, in_thick)
         lines, style = _line_walls(sorting, thick)

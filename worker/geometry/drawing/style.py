@@ -13,6 +13,7 @@ from worker.geometry.drawing.reading import Wall
 from worker.geometry.drawing.strokes import Strokes
 
 _SPAN = 0.5
+_LIGHT_FILL, _SURE_PX = 0.5, 4.0
 _LEAST_BAR, _JOINED, _TOUCH = 0.8, 0.5, 0.05
 _SHARE_OF_LINES, _SHARE_OF_PAIRS = 0.12, 0.6
 
@@ -35,6 +36,31 @@ def is_filled(strokes: Strokes, bars: list[Wall], lines: NDArray[np.bool_], ink:
         return False
     pairs = find_pairs(strokes, ink.metres_per_px, among=lines)
     return filled >= _SHARE_OF_PAIRS * paired_length(pairs, lines, length) / 2.0
+
+
+def by_darkness(ink: Ink, bars: list[Wall]) -> tuple[list[Wall], list[Wall]]:
+    """Return the bars filled as darkly as most, and those less than half as dark: furniture, floors."""
+    dark = np.array([_darkness(ink, w) for w in bars])
+    length = np.array([w.length for w in bars])
+    order = np.argsort(dark, kind="stable")
+    passed = np.cumsum(length[order])
+    usual = dark[order[int(np.searchsorted(passed, passed[-1] / 2))]]
+    light = (dark < _LIGHT_FILL * usual) & (
+        np.array([w.thickness for w in bars]) >= _SURE_PX * ink.metres_per_px
+    )
+    return (
+        [w for w, gone in zip(bars, light, strict=True) if not gone],
+        [w for w, gone in zip(bars, light, strict=True) if gone],
+    )
+
+
+def _darkness(ink: Ink, wall: Wall) -> float:
+    """Return the median contrast along a centre line."""
+    share = np.linspace(0.05, 0.95, 15)[:, None]
+    along = wall.centre[0] + (wall.centre[-1] - wall.centre[0]) * share
+    columns = (along[:, 0] / ink.metres_per_px).astype(int).clip(0, ink.contrast.shape[1] - 1)
+    rows = ((ink.sheet_height - along[:, 1]) / ink.metres_per_px).astype(int)
+    return float(np.median(ink.contrast[rows.clip(0, ink.contrast.shape[0] - 1), columns]))
 
 
 def _joined(bars: list[Wall]) -> float:
