@@ -16,7 +16,9 @@ from worker.geometry.drawing.outlines import Solids, read_outlines
 from worker.geometry.drawing.sections import area_of, signed_area
 
 MOST_CELLS = 40_000_000
-_MOST_BODIES = 20_000
+_MOST_BODIES = 5_000
+_MOST_EDGES = 600_000
+_MOST_CORNERS = 30_000
 _SPECK_CELLS = 3
 _SMOOTH_CELLS = 0.75
 
@@ -66,12 +68,22 @@ def read_occupied(occupied: NDArray[np.bool_], resolution: float) -> Occupied:
             "are read. Save it at a lower resolution, or cut it.",
             max_pixels=MOST_CELLS,
         )
+    _check_edges(part)
     solid, specks = _without_specks(part)
     corner = np.array([columns[0], occupied.shape[0] - rows[-1] - 1], dtype=np.float64)
     rings = _rings(solid)
-    body = shapely.simplify(area_of(rings), _SMOOTH_CELLS) if rings else shapely.Polygon()
-    placed = shapely.transform(shapely.make_valid(body), lambda xy: (xy + corner) * resolution)
+    placed = shapely.transform(area_of(rings), lambda xy: (xy + corner) * resolution)
     return Occupied(read_outlines([placed]), (specks + corner) * resolution)
+
+
+def _check_edges(part: NDArray[np.bool_]) -> None:
+    """Refuse a grid whose occupied cells have far more edges than walls have."""
+    edges = int((part[1:] != part[:-1]).sum()) + int((part[:, 1:] != part[:, :-1]).sum())
+    if edges > _MOST_EDGES:
+        raise DrawingTooComplex(
+            f"The occupied cells have {edges} edges; at most {_MOST_EDGES} are read. It is noise or a "
+            "texture, or no occupancy grid."
+        )
 
 
 def _without_specks(part: NDArray[np.bool_]) -> tuple[NDArray[np.bool_], NDArray[np.float64]]:
@@ -92,9 +104,18 @@ def _rings(solid: NDArray[np.bool_]) -> list[NDArray[np.float64]]:
     """Return outlines of the cells, y up [cells]: outer rings run one way round, holes the other."""
     padded = np.pad(solid, 1).astype(np.float64)
     find_contours: Any = measure.find_contours
-    rings = []
+    rings: list[NDArray[np.float64]] = []
+    corners = 0
     for line in find_contours(padded, 0.5, fully_connected="high"):
-        ring = np.column_stack([line[:-1, 1] - 0.5, solid.shape[0] - line[:-1, 0] + 0.5])
+        outline = shapely.LineString(np.column_stack([line[:, 1] - 0.5, solid.shape[0] - line[:, 0] + 0.5]))
+        smooth = shapely.simplify(outline, _SMOOTH_CELLS, preserve_topology=False)
+        ring = shapely.get_coordinates(smooth)[:-1]
         if len(ring) >= 3 and abs(signed_area(ring)) > 0.0:
             rings.append(ring)
+            corners += len(ring)
+        if len(rings) > _MOST_BODIES or corners > _MOST_CORNERS:
+            raise DrawingTooComplex(
+                f"The occupied cells have more than {_MOST_BODIES} outlines or {_MOST_CORNERS} corners: "
+                "it is a texture, or no occupancy grid."
+            )
     return rings

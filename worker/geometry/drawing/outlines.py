@@ -80,7 +80,7 @@ def bodies(areas: Iterable[Any]) -> list[Any]:
     if not grown:
         return []
     shrunk = shapely.buffer(shapely.union_all(grown), -_JOINT, join_style="mitre", mitre_limit=2.0)
-    parts = shapely.get_parts(shapely.make_valid(shapely.simplify(shrunk, _SMOOTH)))
+    parts = shapely.get_parts(shapely.make_valid(shapely.simplify(shrunk, _SMOOTH, preserve_topology=False)))
     solid = [p for p in parts if p.geom_type == "Polygon" and p.area >= _LEAST_AREA]
     return [shapely.geometry.polygon.orient(p) for p in solid]
 
