@@ -19,6 +19,7 @@ from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale import Scale
 from worker.geometry.drawing.strokes import Strokes, find_strokes
 from worker.geometry.drawing.style import by_darkness, is_filled
+from worker.geometry.drawing.support import with_confidence
 from worker.geometry.drawing.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
 
 Progress = Callable[[str, float], None]
@@ -135,13 +136,15 @@ def _sort_out(
     in_thick = _mostly_in(strokes, thick)
     if is_filled(sorting.strokes, bars, sorting.candidates & ~in_thick, ink):
         sorting.put("thin", ~in_thick)
-        walls, light = by_darkness(ink, bars)
+        bars, light = by_darkness(ink, bars)
+        walls = bars
         sorting.removed += [RemovedStroke((w.centre,), "furniture", _REASONS["furniture"]) for w in light]
         style = "filled"
     else:
         _set_light_aside(sorting, in_thick)
         lines, style = _line_walls(sorting, thick)
         walls = bars + lines
+    walls = with_confidence(walls, filled=len(bars), style=style)
     return walls, columns, sorting.removed + _removed(ink, sorting.strokes, sorting.layer), style
 
 

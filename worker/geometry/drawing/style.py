@@ -58,9 +58,16 @@ def _darkness(ink: Ink, wall: Wall) -> float:
     """Return the median contrast along a centre line."""
     share = np.linspace(0.05, 0.95, 15)[:, None]
     along = wall.centre[0] + (wall.centre[-1] - wall.centre[0]) * share
-    columns = (along[:, 0] / ink.metres_per_px).astype(int).clip(0, ink.contrast.shape[1] - 1)
-    rows = ((ink.sheet_height - along[:, 1]) / ink.metres_per_px).astype(int)
-    return float(np.median(ink.contrast[rows.clip(0, ink.contrast.shape[0] - 1), columns]))
+    px = np.rint(_to_px(ink, along)).astype(int)
+    columns = px[:, 0].clip(0, ink.contrast.shape[1] - 1)
+    return float(np.median(ink.contrast[px[:, 1].clip(0, ink.contrast.shape[0] - 1), columns]))
+
+
+def _to_px(ink: Ink, xy: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 2) points of frame `drawing` in working pixels, x right and y down."""
+    origin, right, down = ink.to_drawing(np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
+    turn = np.column_stack([right - origin, down - origin])
+    return np.asarray(np.linalg.solve(turn, (xy - origin).T).T, dtype=np.float64)
 
 
 def _joined(bars: list[Wall]) -> float:
