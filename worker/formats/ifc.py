@@ -12,7 +12,13 @@ import shapely
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
-from service.domain.errors import DrawingTooComplex, FileTruncated, NoWallsFound, UnsupportedMedia
+from service.domain.errors import (
+    DrawingTooComplex,
+    FileMalformed,
+    FileTruncated,
+    NoWallsFound,
+    UnsupportedMedia,
+)
 from service.domain.findings import Finding, Severity
 from service.domain.scale import ScaleHint
 from worker.formats.ifc_process import ask_kernel
@@ -119,7 +125,10 @@ def load_ifc(
     )
     _to_metres(answer)
     tell("walls", 0.85)
-    solids, lines, doors_cut = _material(answer["items"])
+    try:
+        solids, lines, doors_cut = _material(answer["items"])
+    except shapely.errors.ShapelyError as error:
+        raise FileMalformed(f"The cut through {path.name} makes no outlines: {error}.") from error
     if not solids.walls and not lines:
         raise NoWallsFound(_nothing_cut(path, answer))
     scale = _scale(answer, solids, hint)

@@ -10,6 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
+import shapely
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
@@ -115,7 +116,10 @@ def load_ros_map(
     tell("load", 0.2)
     occupied, unknown = _cells(image, header, bounds)
     tell("walls", 0.4)
-    found = read_occupied(occupied, header.resolution)
+    try:
+        found = read_occupied(occupied, header.resolution)
+    except shapely.errors.ShapelyError as error:
+        raise FileMalformed(f"The occupied cells of {header.image} make no outlines: {error}.") from error
     if not found.solids.walls and not found.solids.columns:
         raise NoWallsFound(
             f"Of the {occupied.size} cells of {header.image} {int(occupied.sum())} are occupied, and they "
