@@ -150,6 +150,15 @@ def test_a_texts_own_size_tells_millimetres_from_centimetres_or_nobody_wins() ->
     )
 
 
+def test_a_detail_at_another_scale_is_a_second_camp() -> None:
+    plan = [_dimension(m, m / 0.01) for m in (2.0, 3.1, 4.5, 7.7)]
+    detail = [_dimension(m, m / 0.002) for m in (0.5, 0.9, 1.4)]
+    scale = decide(dimension_witnesses([*plan, *detail]))
+    assert (scale.state, scale.candidates) == ("unknown", pytest.approx((0.01, 0.002), rel=1e-3))
+    many = [_dimension(m, m / 0.01) for m in (2.0, 2.5, 3.1, 3.7, 4.5, 5.5, 6.6, 7.7, 9.0)]
+    assert decide(dimension_witnesses([*many, *detail])).metres_per_unit == pytest.approx(0.01, rel=1e-3)
+
+
 def test_random_numbers_over_random_lines_hardly_ever_give_a_scale() -> None:
     false = 0
     for seed in range(200):

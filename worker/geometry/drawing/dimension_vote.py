@@ -107,8 +107,17 @@ def dimension_witnesses(
     sized = _tell_apart([(u, camp) for u, camp in camps if _plausible(camp, u, extent, stated=unit)], extent)
     out = [_witness(camp, sure=True) for _, camp in sized if camp.by_chance <= _BY_CHANCE]
     out = out or [_witness(camp, sure=False) for _, camp in (sized or camps)]
-    chosen = (sized or camps)[0]
-    return (*out, *_others(heard, chosen, out))
+    unit, camp = (sized or camps)[0]
+    inside = {id(d) for d, _ in camp.members}
+    rest = [d for d in heard if id(d) not in inside]
+    second = largest_camp(rest, unit=unit)
+    if (
+        second is not None
+        and second.by_chance <= _BY_CHANCE
+        and not _near(out[0].value, second.metres_per_px)
+    ):
+        out.append(_witness(second, sure=True))  # a detail at another scale, or somebody is wrong
+    return (*out, *_others(rest, unit, out))
 
 
 def largest_camp(dimensions: Sequence[Dimension], *, unit: float) -> Camp | None:
@@ -243,20 +252,16 @@ def _witness(camp: Camp, *, sure: bool) -> Witness:
     )
 
 
-def _others(heard: Sequence[Dimension], chosen: tuple[float, Camp], said: Sequence[Witness]) -> list[Witness]:
-    """Return the sure dimensions that do not belong to a camp, each scale once and none that was said.
+def _others(rest: Sequence[Dimension], unit: float, said: Sequence[Witness]) -> list[Witness]:
+    """Return the sure dimensions that belong to no camp, each scale once and none that was said.
 
     A camp is far narrower than the agreement of witnesses: a text cut short may come near it, and is no
     second voice.
     """
-    unit, camp = chosen
-    inside = {id(d) for d, _ in camp.members}
     out: list[Witness] = []
-    for d in heard:
-        if id(d) in inside or d.spans[0].quality < _SURE:
-            continue
+    for d in rest:
         value = d.metres(unit) / d.spans[0].length
-        if any(_near(w.value, value) for w in (*said, *out)):
+        if d.spans[0].quality < _SURE or any(_near(w.value, value) for w in (*said, *out)):
             continue
         detail = f"The text {d.text} over a line of {d.spans[0].length:.0f} pixels."
         out.append(Witness("dimension-text", value, value, detail))
