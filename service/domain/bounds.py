@@ -16,6 +16,7 @@ class Bounds:
     max_strokes: int = 2_000_000
     max_texts: int = 100_000
     max_page_bytes: int = 128 << 20
+    max_page_objects: int = 400_000
     max_model_bytes: int = 256 << 20
     max_model_memory_bytes: int = 2 << 30
     max_model_seconds: float = 240.0

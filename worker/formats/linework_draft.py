@@ -110,7 +110,17 @@ class LineworkDraft:
             self._entity.append(entity)
             self._clip.append(window)
         self._last = None if shut or kind else points[-1]
-        if len(self._entity) > self._most:
+        self.expect(0)
+
+    def expect(self, count: int) -> None:
+        """Refuse the drawing if so many more segments would be too many.
+
+        Raises
+        ------
+        DrawingTooComplex
+            If there would be more segments than are taken.
+        """
+        if len(self._entity) + count > self._most:
             raise DrawingTooComplex(
                 f"The drawing has more than {self._most} strokes; export only the floor that is needed, "
                 "or print the sheet as a PNG image.",

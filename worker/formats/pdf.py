@@ -54,7 +54,7 @@ def load_pdf(
     path : Path
         The document.
     bounds : Bounds, optional
-        `max_pixels` of a scan, `max_strokes`, `max_texts`, `max_page_bytes` of a drawn page.
+        `max_pixels` of a scan, `max_page_objects`, `max_strokes`, `max_texts`, `max_page_bytes` of a page.
     page : int, optional
         Page, counted from 1; may be left out where the document has one.
     tell : callable, optional
@@ -229,7 +229,7 @@ def _load(
     walk = PageWalk(
         draft,
         hidden_layers=facts.hidden_layers,
-        most=bounds.max_strokes,
+        most=bounds.max_page_objects,
         tell=lambda seen: tell("load", min(0.9, 0.1 + 0.8 * seen / count)),
     )
     walk.page(page, view.T_mm_user)

@@ -123,7 +123,7 @@ class PageWalk:
     def page(self, page: Any, T_mm_user: Affine) -> None:
         """Collect the strokes of a page; `T_mm_user` takes its user space to the displayed frame [mm]."""
         self._page = page
-        count = pdfium.FPDFPage_CountObjects(page)
+        count = self._room_for(pdfium.FPDFPage_CountObjects(page))
         found = (pdfium.FPDFPage_GetObject(page, i) for i in range(count))
         self._container(found, T_mm_user, clip=self._draft.page, layer="", depth=0)
 
@@ -140,21 +140,26 @@ class PageWalk:
             if kind == pdfium.FPDF_PAGEOBJ_PATH:
                 self._path(item, T, clip=self._clip(item, T, clip), layer=name)
             elif kind == pdfium.FPDF_PAGEOBJ_FORM and depth < _DEEPEST:
-                count = pdfium.FPDFFormObj_CountObjects(item)
+                count = self._room_for(pdfium.FPDFFormObj_CountObjects(item))
                 inner = (pdfium.FPDFFormObj_GetObject(item, i) for i in range(count))
                 window = self._clip(item, T, clip)
                 self._container(inner, compose(self._own(item), T), clip=window, layer=name, depth=depth + 1)
             elif kind == pdfium.FPDF_PAGEOBJ_IMAGE:
                 self._image(item, T, clip=self._clip(item, T, clip))
 
-    def _count(self) -> None:
-        self._left -= 1
-        if self._left < 0:
+    def _room_for(self, count: int) -> int:
+        """Return the number of objects that come next, unless these are too many."""
+        if count > self._left:
             raise DrawingTooComplex(
                 f"The page holds more than {self._most} objects; export only the floor that is needed, or "
                 "print the sheet as a PNG image.",
-                max_strokes=self._most,
+                max_page_objects=self._most,
             )
+        return count
+
+    def _count(self) -> None:
+        self._left -= 1
+        self._room_for(0)
         if self._left % _TELL_EVERY == 0:
             self._tell(self._most - self._left)
 
@@ -227,6 +232,7 @@ class PageWalk:
             return
         if len(pens) == 2 and not pens[0].is_white:
             pens = [Pen(layer, pens[1].width, pens[0].colour, dashed=dashed, filled=True)]
+        self._draft.expect(pdfium.FPDFPath_CountSegments(item))
         subpaths = list(self._subpaths(item, T_mm_item))
         for pen in pens:
             before = len(self._draft)

@@ -17,7 +17,7 @@ from service.domain.errors import DrawingTooComplex, FileEmpty, FileMalformed, F
 
 _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _DEEPEST, _DEEPEST_CALL = 256, 400
-_STROKES_SHARE = 4
+_STROKES_SHARE, _ELEMENT = 4, 5
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[zZ]")
 _REMOTE = re.compile(r"@import|url\(\s*['\"]?(?:https?:|file:|//)", re.IGNORECASE)
 
@@ -49,7 +49,8 @@ def check_svg(path: Path, bounds: Bounds) -> SvgFacts:
     path : Path
         The file.
     bounds : Bounds
-        `max_page_bytes` of the file; a quarter of `max_strokes` of its strokes, since each is an object.
+        `max_page_bytes` of the file; a quarter of `max_strokes` of its strokes, since each is an
+        object; an element counts as five.
 
     Returns
     -------
@@ -86,8 +87,8 @@ def _parsed(path: Path, most: int) -> Element | None:
     try:
         for count, element in enumerate(_elements(path)):
             root = element if root is None else root
-            if count > most:
-                raise _too_complex(f"{path.name} has more than {most} elements, which")
+            if count > most // _ELEMENT:
+                raise _too_complex(f"{path.name} has more than {most // _ELEMENT} elements, which")
     except DefusedXmlException as error:
         raise FileMalformed(
             f"{path.name} declares XML entities or refers to other documents, which are not read: "
@@ -155,7 +156,7 @@ class _Weigher:
                 f"Its `use` elements refer to each other more than {_DEEPEST_CALL} deep, which"
             )
         self._open.add(element)
-        total = 1 + _strokes(element)
+        total = _ELEMENT + _strokes(element)
         for part in self._parts(element):
             total += self._weight(part, depth + 1)
             if total > self._most:
