@@ -105,10 +105,15 @@ def test_grey_rooms_and_grey_paper_are_no_photo() -> None:
 def test_a_robot_s_map_is_marked(seed: int, unknown: int, tmp_path: Path) -> None:
     path = tmp_path / "map.png"
     Image.fromarray(a_robot_map(seed, unknown=unknown)).save(path)
-    options = DrawingOptions(scale=ScaleHint(metres_per_unit=0.05))
-    found = [f for f in read_drawing_file(path, options=options).findings if f.code == "robot-map"]
-    assert [f.severity for f in found] == ["serious"]
+    found = check_sheet(np.asarray(Image.open(path)))
+    assert [(f.code, f.severity) for f in found] == [("robot-map", "serious")]
     assert found[0].members["unknown_level"] == unknown
+    try:
+        reading = read_drawing_file(path, options=DrawingOptions(scale=ScaleHint(metres_per_unit=0.05)))
+    except NoWallsFound as refusal:
+        assert found[0].message in refusal.detail  # noqa: PT017 - refused or marked, and in both cases told
+    else:
+        assert found[0] in reading.findings
 
 
 def test_a_drawing_is_no_robot_s_map() -> None:
@@ -186,3 +191,27 @@ def test_several_plans_are_told_with_polygons_that_an_edit_takes() -> None:
 def test_one_plan_with_a_core_is_one() -> None:
     assert several_plans(reading_of([*room(2, 2, 30, 24), *room(14, 10, 5, 5)])) is None
     assert several_plans(reading_of([*room(2, 2), *room(11, 2)])) is None
+
+
+def test_one_of_two_plans_on_a_sheet_is_included_by_its_polygon(tmp_path: Path) -> None:
+    image = Image.new("L", (1500, 700), 255)
+    pen = ImageDraw.Draw(image)
+    for left in (100, 900):
+        pen.rectangle((left, 100, left + 500, 600), outline=0, width=10)
+        pen.line((left + 250, 100, left + 250, 450), fill=0, width=10)
+    path = tmp_path / "two.png"
+    image.save(path)
+    options = DrawingOptions(scale=ScaleHint(metres_per_unit=0.02))
+    both = read_drawing_file(path, options=options)
+    (finding,) = [f for f in both.findings if f.code == "several-plans"]
+    assert len(finding.members["plans"]) == 2
+    edit = {"action": "include", **min(finding.members["plans"], key=lambda plan: plan["within"][0][0])}
+    one = read_drawing_file(path, options=options.changed({"edits": [edit]}))
+    assert [f.code for f in one.findings if f.code in {"several-plans", "edit-does-not-fit"}] == []
+    assert max(float(w.centre[:, 0].max()) for w in one.walls) < 12.5
+    kept, total = (sum(w.length for w in reading.walls) for reading in (one, both))
+    assert kept == pytest.approx(total / 2, rel=0.02)
+
+
+def test_a_reading_without_walls_is_sure_of_nothing() -> None:
+    assert judge(reading_of([])).confidence == 0.0

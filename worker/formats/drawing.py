@@ -9,7 +9,7 @@ from pathlib import Path
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.edits import LAYERS
-from service.domain.errors import UnsupportedMedia
+from service.domain.errors import NoWallsFound, UnsupportedMedia
 from service.domain.media import (
     BMP,
     BUILDING_YAML,
@@ -145,7 +145,11 @@ def _read_sheet(sheet: Sheet, file: _File) -> Reading:
         hint=file.options.scale,
         progress=_part(file.tell, 0.1, 0.4),
     )
-    reading = read_raster(sheet.grey, scale=found.scale, progress=_part(file.tell, 0.4, 1.0))
+    try:
+        reading = read_raster(sheet.grey, scale=found.scale, progress=_part(file.tell, 0.4, 1.0))
+    except NoWallsFound as refusal:
+        said = " ".join([refusal.detail, *(doubt.message for doubt in doubts)])
+        raise NoWallsFound(said, **refusal.members) from refusal
     findings = (*sheet.findings, *doubts, *found.findings, *reading.findings)
     return replace(reading, findings=findings, top=reading.sheet[1])
 

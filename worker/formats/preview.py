@@ -18,9 +18,9 @@ PARTITION: Colour = (0, 92, 175)
 COLUMN: Colour = (110, 60, 150)
 LAYER: Colour = (0, 140, 90)
 BODY: Colour = (214, 214, 214)
-REMOVED: Colour = (235, 130, 110)
+REMOVED: Colour = (238, 178, 140)
 _BY_LAYER: dict[str, Colour] = {
-    "text": (220, 60, 60),
+    "text": (205, 40, 80),
     "dimension": (240, 150, 30),
     "hatch": (150, 190, 60),
     "furniture": (60, 170, 200),

@@ -77,11 +77,11 @@ def judge(reading: Reading) -> Reading:
     """
     metres = 1.0 if reading.unit == "m" else _ASSUMED_EXTENT / max(*reading.sheet, 1e-9)
     if not reading.walls:
-        return reading
+        return replace(reading, confidence=0.0)
     touched = _touched_ends(reading, _REACH / metres)
     marks = _marks(reading, touched, metres)
     walls = tuple(
-        replace(w, confidence=w.confidence * _of_wall(w, ends, metres, reading.style))
+        replace(w, confidence=min(w.confidence, _of_wall(w, ends, metres, reading.style)))
         for w, ends in zip(reading.walls, touched.sum(axis=1).tolist(), strict=True)
     )
     confidence = min(reading.confidence, marks.confidence)
