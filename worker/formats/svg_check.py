@@ -69,7 +69,7 @@ def check_svg(path: Path, bounds: Bounds) -> SvgFacts:
         raise FileEmpty(f"{path.name} has no bytes; upload the drawing again.")
     if size > bounds.max_page_bytes:
         raise _too_complex(
-            f"{path.name} has {size >> 20} MB of text; at most {bounds.max_page_bytes >> 20} MB"
+            f"{path.name} has {size >> 20} MB of text, at most {bounds.max_page_bytes >> 20} MB are read"
         )
     most = bounds.max_strokes // _STROKES_SHARE
     root = _parsed(path, most)
@@ -88,7 +88,7 @@ def _parsed(path: Path, most: int) -> Element | None:
         for count, element in enumerate(_elements(path)):
             root = element if root is None else root
             if count > most // _ELEMENT:
-                raise _too_complex(f"{path.name} has more than {most // _ELEMENT} elements, which")
+                raise _too_complex(f"{path.name} has more than {most // _ELEMENT} elements")
     except DefusedXmlException as error:
         raise FileMalformed(
             f"{path.name} declares XML entities or refers to other documents, which are not read: "
@@ -110,13 +110,15 @@ def _elements(path: Path) -> Iterator[Element]:
         for event, element in iterparse(file, events=("start", "end"), forbid_dtd=False):
             depth += 1 if event == "start" else -1
             if depth > _DEEPEST:
-                raise _too_complex(f"{path.name} nests its elements deeper than {_DEEPEST} levels, which")
+                raise _too_complex(f"{path.name} nests its elements deeper than {_DEEPEST} levels")
             if event == "start":
                 yield element
 
 
 def _too_complex(what: str) -> DrawingTooComplex:
-    return DrawingTooComplex(f"{what} are read. Export only the floor that is needed, or a PNG image.")
+    return DrawingTooComplex(
+        f"{what}: too much to be read. Export only the floor that is needed, or a PNG image."
+    )
 
 
 def _note(element: Element, facts: SvgFacts) -> None:
@@ -152,17 +154,13 @@ class _Weigher:
         if element in self._open:
             raise FileMalformed("A `use` of the drawing shows itself; export the drawing anew.")
         if depth > _DEEPEST_CALL:
-            raise _too_complex(
-                f"Its `use` elements refer to each other more than {_DEEPEST_CALL} deep, which"
-            )
+            raise _too_complex(f"Its `use` elements refer to each other more than {_DEEPEST_CALL} deep")
         self._open.add(element)
         total = _ELEMENT + _strokes(element)
         for part in self._parts(element):
             total += self._weight(part, depth + 1)
             if total > self._most:
-                raise _too_complex(
-                    f"Its shapes and `use` elements come to more than {self._most} strokes, which"
-                )
+                raise _too_complex(f"Its shapes and `use` elements come to more than {self._most} strokes")
         self._open.discard(element)
         self._known[element] = total
         return total
