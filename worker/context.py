@@ -18,7 +18,7 @@ from service.db.models import Layer, Placement, Scan
 from service.domain.bounds import Bounds
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
-from worker.formats.scan import read_scan
+from worker.formats.scan import read_upright_scan
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 
@@ -111,12 +111,13 @@ class JobContext:
         ]
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
-        """Return the whole scan of a layer in frame `map`.
+        """Return the whole scan of a layer in frame `map`, without the points that stand alone.
 
         Raises
         ------
         Rejected
             If the scan cannot be read; the leaf tells why.
         """
-        scan = read_scan(self.kernel.blobs.path(source.scan_sha256), self.bounds)
-        return PlacedLayer(source.name, PointCloud.of(source.T_map_scan.apply(scan.points), Label.LAYER))
+        upright = read_upright_scan(self.kernel.blobs.path(source.scan_sha256), self.bounds)
+        points = upright.scan.points[~upright.outliers]
+        return PlacedLayer(source.name, PointCloud.of(source.T_map_scan.apply(points), Label.LAYER))

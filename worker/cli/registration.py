@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.domain.errors import InvalidRequest, NotFound
+from service.domain.scan_options import ScanOptions
 
 if TYPE_CHECKING:
     from service.domain.transform import Transform
@@ -21,13 +22,21 @@ if TYPE_CHECKING:
 def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``align`` or ``merge``."""
     if name == "align":
-        parser.add_argument("scan", type=Path, metavar="SCAN", help="PLY or PCD; metres, z up")
+        parser.add_argument(
+            "scan", type=Path, metavar="SCAN", help="a point cloud or a mesh of any kind that is read"
+        )
+        parser.add_argument(
+            "--scan-up", metavar="AXIS", help="its up axis: x, y, z, or --scan-up=-y; else it is found"
+        )
+        parser.add_argument("--scan-unit", metavar="UNIT", help="m, cm, mm, ft or in; else it is found")
         parser.add_argument(
             "--map", type=Path, required=True, help="a PCD, or the folder that `groundplan build` wrote"
         )
         where = parser.add_mutually_exclusive_group()
         where.add_argument(
-            "--guess", metavar="x,y,z,yaw_deg", help="rough T_map_scan, within 3 m and 45 deg"
+            "--guess",
+            metavar="x,y,z,yaw_deg",
+            help="rough T_map_scan (of the scan upright), within 3 m and 45 deg",
         )
         where.add_argument("--search", action="store_true", help="search the whole map (the default)")
         parser.add_argument("--ndt-resolution", type=float, default=1.0, metavar="M", help="edge of a cell")
@@ -69,24 +78,28 @@ def _align(args: argparse.Namespace) -> dict[str, Any]:
         raise InvalidRequest(
             f"--ndt-resolution is {args.ndt_resolution}; it has to lie between 0.05 and 20 m."
         )
+    options = ScanOptions.of(args.scan_up, args.scan_unit)
     if not args.scan.is_file():
         raise NotFound(f"There is no scan {args.scan}.")
     from service.domain.acceptance import judge  # noqa: PLC0415 - heavy from here on: --help answers at once
     from worker.formats.built_map import load_target  # noqa: PLC0415
-    from worker.formats.scan import read_scan, scan_findings  # noqa: PLC0415
-    from worker.geometry.registration.place import place_scan  # noqa: PLC0415
+    from worker.formats.scan import read_upright_scan  # noqa: PLC0415
+    from worker.geometry.registration.place_upright import place_upright_scan  # noqa: PLC0415
 
     _progress("load", 0.0)
-    scan, target = read_scan(args.scan), load_target(args.map)
-    placed = place_scan(scan, target, initial=initial, ndt_resolution=args.ndt_resolution, progress=_progress)
+    upright, target = read_upright_scan(args.scan, options=options), load_target(args.map)
+    placed = place_upright_scan(
+        upright, target, initial=initial, ndt_resolution=args.ndt_resolution, progress=_progress
+    )
     result = {
         "T_map_scan": placed.T_map_scan.tolist(),
         **judge(placed.evidence).to_json(),
         "evidence": placed.evidence.to_json(),
         "candidates": [candidate.to_json() for candidate in placed.candidates],
-        "findings": [finding.to_json() for finding in scan_findings(scan)],
+        "scan_frame": upright.frame.to_json(),
+        "findings": [finding.to_json() for finding in upright.findings()],
     }
-    _write(args.output, result, scan, placed)
+    _write(args.output, result, upright.scan, placed)
     return result
 
 
@@ -125,7 +138,7 @@ def _merge(args: argparse.Namespace) -> dict[str, Any]:
     import numpy as np  # noqa: PLC0415 - heavy from here on: --help answers at once
 
     from worker.formats.pcd import read_pcd, write_pcd  # noqa: PLC0415
-    from worker.formats.scan import read_scan  # noqa: PLC0415
+    from worker.formats.scan import read_map_points  # noqa: PLC0415
     from worker.geometry.cloud.point_cloud import Label, PointCloud  # noqa: PLC0415
     from worker.geometry.cloud.voxel_grid import filter_cloud, voxel_index  # noqa: PLC0415
 
@@ -137,7 +150,7 @@ def _merge(args: argparse.Namespace) -> dict[str, Any]:
         size = args.layer_voxel_size if label == Label.LAYER else args.voxel_size
         one_a_voxel = len(np.unique(voxel_index(piece.points, size), axis=0)) == len(piece)
         parts.append(piece if one_a_voxel else filter_cloud(piece, size, label=int(label)))
-    layers = [filter_cloud(read_scan(p), args.layer_voxel_size, label=Label.LAYER) for p in args.placed]
+    layers = [filter_cloud(read_map_points(p), args.layer_voxel_size, label=Label.LAYER) for p in args.placed]
     _progress("merge", 0.5)
     every = [*parts, *layers]
     merged = PointCloud(np.vstack([c.points for c in every]), np.concatenate([c.labels for c in every]))

@@ -10,7 +10,7 @@ from service.domain.errors import FileMalformed, NotFound, Rejected
 from service.domain.recipe import Recipe
 from worker.formats.pcd import read_pcd
 from worker.formats.reading import load_walls_and_columns
-from worker.formats.scan import read_scan
+from worker.formats.scan import read_map_points
 from worker.geometry.cloud.point_cloud import Label
 from worker.geometry.registration.target import PlacementTarget
 
@@ -37,7 +37,7 @@ def load_target(path: Path, bounds: Bounds | None = None) -> PlacementTarget:
     if not path.is_dir():
         if not path.is_file():
             raise NotFound(f"There is no map {path}: give a point cloud file or the folder of a build.")
-        return PlacementTarget.from_cloud(read_scan(path, bounds).points)
+        return PlacementTarget.from_cloud(read_map_points(path, bounds).points)
     for name in ("walls.geojson", "report.json", "point-cloud.pcd"):
         if not (path / name).is_file():
             raise NotFound(f"{path} holds no {name}: it is not a folder that a build wrote.")

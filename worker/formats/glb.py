@@ -55,7 +55,9 @@ class _Model:
         values = np.zeros((0, width), code) if raw is None else raw
         if accessor.get("normalized") and accessor["componentType"] in _STEPS:
             return np.asarray(np.maximum(values / _STEPS[accessor["componentType"]], -1.0), dtype=np.float64)
-        return values.astype(np.float64 if code.kind == "f" else np.int64)
+        if code.kind == "f":
+            return values.astype(np.float64)
+        return values.astype(np.int64)
 
 
 def load_glb(path: Path, *, bounds: Bounds) -> FileScan:

@@ -17,9 +17,9 @@ from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
 from worker.context import JobContext
 from worker.formats.reading import load_walls_and_columns
-from worker.formats.scan import read_scan
+from worker.formats.scan import read_upright_scan
 from worker.geometry.registration.place import Placed
-from worker.geometry.registration.place import place_scan as find_place
+from worker.geometry.registration.place_upright import place_upright_scan
 from worker.geometry.registration.target import PlacementTarget
 
 
@@ -40,7 +40,7 @@ def place_scan(context: JobContext) -> None:
     """Place the scan and record where, how well it fits, and the verdict.
 
     1. look up the scan, the revision and the rough pose, if there is one
-    2. load the scan, the revision's wall faces, and the layers of other scans
+    2. load the scan and make it upright; load the revision's wall faces, and the layers of other scans
     3. match the scan to them
     4. judge the evidence; a rejected placement is a result as well
     5. keep the labels as a blob
@@ -48,8 +48,8 @@ def place_scan(context: JobContext) -> None:
     """
     asked = _asked(context)
     context.progress("load", 0.0)
-    scan = read_scan(context.kernel.blobs.path(asked.scan_sha256), context.bounds)
-    placed = find_place(
+    scan = read_upright_scan(context.kernel.blobs.path(asked.scan_sha256), context.bounds)
+    placed = place_upright_scan(
         scan,
         _target(context, asked),
         initial=asked.initial,

@@ -11,10 +11,10 @@ from service.usecases.record_scan_reading import record_scan_reading
 from worker.context import JobContext
 from worker.formats.pcd import write_pcd
 from worker.formats.preview import LAYER, Drawn, write_preview
-from worker.formats.scan import read_scan as load_scan
-from worker.formats.scan import scan_findings
+from worker.formats.scan import read_upright_scan
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.cloud.voxel_grid import filter_cloud
+from worker.geometry.scan.upright import UprightScan
 
 _VIEWER_POINTS = 100_000
 _FINEST_M = 0.02
@@ -25,35 +25,38 @@ def read_scan(context: JobContext) -> None:
     """Read the scan and record its reading.
 
     1. read the uploaded bytes, whatever kind they say they are
-    2. measure them
-    3. thin them for viewers, and draw them from above
+    2. find its unit, its up axis, floor and ceiling, and the points that stand alone
+    3. thin them for viewers, in the file's axes, and draw them upright from above
     4. keep these files as blobs
     5. record the reading with the end of the job
     """
     with context.kernel.db.reading() as session:
         sha256 = session.get_one(Scan, context.attempt.subject_id).blob_sha256
     context.progress("load", 0.0)
-    cloud = load_scan(context.kernel.blobs.path(sha256), context.bounds)
+    upright = read_upright_scan(context.kernel.blobs.path(sha256), context.bounds)
     context.progress("thin", 0.5)
-    thin, voxel_size = _thinned(cloud)
+    thin, voxel_size = _thinned(upright)
     context.progress("write", 0.8)
     folder = context.folder("reading")
     write_pcd(folder / "points.pcd", thin)
-    low, high = thin.points.min(axis=0), thin.points.max(axis=0)
+    seen = upright.frame.T_upright_scan.apply(thin.points)
+    low, high = seen.min(axis=0), seen.max(axis=0)
     write_preview(
         folder / "preview.png",
-        [Drawn(LAYER, points=thin.points[:, :2])],
+        [Drawn(LAYER, points=seen[:, :2])],
         low=(float(low[0]), float(low[1])),
         high=(float(high[0]), float(high[1])),
     )
     files = {name: context.kernel.blobs.adopt(folder / name) for name in ("points.pcd", "preview.png")}
-    reading = _reading(cloud, thin, voxel_size)
+    reading = _reading(upright, thin, voxel_size)
     with context.kernel.db.writing("record-scan-reading") as session:
         record_scan_reading(context.kernel, session, context.attempt, reading=reading, files=files)
 
 
-def _thinned(cloud: PointCloud) -> tuple[PointCloud, float]:
-    """Return at most 100,000 points, and the voxel size [m] that leaves so few."""
+def _thinned(upright: UprightScan) -> tuple[PointCloud, float]:
+    """Return at most 100,000 points in frame `scan` without outliers, and the voxel size [m] they have."""
+    kept = ~upright.outliers
+    cloud = PointCloud(upright.scan.points[kept], upright.scan.labels[kept])
     voxel_size = _FINEST_M
     thin = filter_cloud(cloud, voxel_size, label=Label.UNKNOWN)
     while len(thin) > _VIEWER_POINTS:
@@ -62,12 +65,15 @@ def _thinned(cloud: PointCloud) -> tuple[PointCloud, float]:
     return thin, voxel_size
 
 
-def _reading(cloud: PointCloud, thin: PointCloud, voxel_size: float) -> dict[str, Any]:
+def _reading(upright: UprightScan, thin: PointCloud, voxel_size: float) -> dict[str, Any]:
+    cloud = upright.scan
     low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
     return {
         "frame": "scan",
         "points": len(cloud),
         "extent_m": {"min": np.round(low, 4).tolist(), "max": np.round(high, 4).tolist()},
         "viewer": {"points": len(thin), "voxel_size_m": round(voxel_size, 4)},
-        "findings": [finding.to_json() for finding in scan_findings(cloud)],
+        "outliers": int(upright.outliers.sum()),
+        "scan_frame": upright.frame.to_json(),
+        "findings": [finding.to_json() for finding in upright.findings()],
     }

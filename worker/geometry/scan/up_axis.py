@@ -16,7 +16,7 @@ _PRIOR = {"x": np.log(0.01), "y": np.log(0.27), "z": np.log(0.72)}
 _STATED = 4.0
 _LEVEL, _UPRIGHT, _LOW = 1.0, 6.0, 1.0
 _FEWEST = 0.005
-_CLEAR = 0.5
+_CLEAR = 1.0
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,8 @@ def find_up_axis(sample: SurfaceSample, *, stated: str | None = None, stated_by:
     Floors, ceilings and table tops face along gravity, walls across it, whichever way the walls run. Three
     measures are added as log-likelihoods to what is usual (z, then y as in ARKit): the share of flat places
     that face along the axis, the share that face along *or* across it, and how low the scan is that way.
-    A statement of the file is believed unless these speak strongly against it.
+    A statement of the file is believed unless these speak strongly against it; where they hardly tell two axes
+    apart, z is kept.
     """
     if not sample.enough:
         if stated is not None:
@@ -69,8 +70,9 @@ def find_up_axis(sample: SurfaceSample, *, stated: str | None = None, stated_by:
     if stated is not None and best == stated.strip("-"):
         return Choice(stated, "stated", (stated_by, *evidence))
     if weight[best] - weight[second] < _CLEAR:
-        unsure = f"{best} and {second} are nearly as likely; give the axis if this is wrong."
-        return Choice(best, "assumed", (unsure, *evidence))
+        usual = "z" if "z" in {best, second} else best
+        unsure = f"{best} and {second} are nearly as likely; give the axis if {usual} is wrong."
+        return Choice(usual, "assumed", (unsure, *evidence))
     return Choice(best, "found", evidence)
 
 

@@ -206,6 +206,11 @@ def _findings(upright: UprightScan) -> tuple[Finding, ...]:
     if frame.up.source != "given" and frame.up.value != "z":
         message = f"The scan's {frame.up.value} axis is up; it was turned so that z is."
         found.append(Finding("scan-turned-upright", "info", message))
+    if frame.up.source == "assumed" and len(frame.up.evidence) > 1:
+        message = f"The scan's up axis is doubtful: {frame.up.evidence[0]}"
+        found.append(Finding("scan-up-axis-doubtful", "warning", message))
+    if frame.unit.source == "assumed" and frame.unit.evidence[-1].endswith("as well as m."):
+        found.append(Finding("scan-units-doubtful", "warning", frame.unit.evidence[-1]))
     if frame.unit.source == "found" and frame.unit.value != 1.0:
         message = f"One unit of the scan was found to be {frame.unit.value:g} m: {frame.unit.evidence[0]}"
         found.append(Finding("scan-unit-found", "warning", message))
