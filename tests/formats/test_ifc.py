@@ -11,6 +11,7 @@ import pytest
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
+from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import (
     DrawingTooComplex,
     FileMalformed,
@@ -22,6 +23,7 @@ from service.domain.errors import (
 )
 from service.domain.scale import ScaleHint
 from tests.formats.ifc_models import ModelWriter, Solid, bar, house_solids, small_house
+from worker.formats.drawing import read_drawing_file
 from worker.formats.ifc import load_ifc
 from worker.geometry.drawing.reading import Reading
 
@@ -121,6 +123,28 @@ def test_several_storeys_are_asked_for_and_listed(tmp_path: Path) -> None:
         load_ifc(path, storey="Attic")
     with pytest.raises(PageNotFound):
         load_ifc(path, page=3)
+
+
+def test_the_storey_is_an_option_of_any_reading(tmp_path: Path) -> None:
+    model = ModelWriter("m")
+    model.storey("Ground", 0.0, [Solid("IfcWall", bar(0, 0, 4, 0.2))])
+    model.storey("First", 3.0, [Solid("IfcWall", bar(0, 0, 7, 0.2), openings=[(bar(2, -1, 3, 1), 0.9, 2.0)])])
+    path = model.write(tmp_path / "upload")
+    reading = read_drawing_file(path, options=DrawingOptions(storey="First"))
+    assert sorted(w.length for w in reading.walls) == [pytest.approx(2.0), pytest.approx(4.0)]
+    below = read_drawing_file(path, options=DrawingOptions(page=2, cut_height_m=0.5))
+    assert [w.length for w in below.walls] == [pytest.approx(7.0)]
+
+
+def test_the_sample_models(shared_data: Path) -> None:
+    house = load_ifc(shared_data / "drawings" / "Ifc4_SampleHouse.ifc")
+    assert (house.scale.state, house.scale.metres_per_unit) == ("found", 0.001)
+    assert {round(w.thickness, 3) for w in house.walls} == {0.0, 0.065, 0.095, 0.29}
+    assert sum(w.length for w in house.walls) == pytest.approx(38.5, abs=1.0)
+    layers = [r.layer for r in house.removed]
+    assert (layers.count("door"), layers.count("window"), layers.count("furniture")) == (3, 4, 14)
+    walls = load_ifc(shared_data / "drawings" / "project0-walls.ifc")
+    assert sorted(round(w.thickness, 3) for w in walls.walls) == [0.1] + [0.2] * 6
 
 
 def test_a_storey_that_is_not_placed_is_found_by_its_walls(tmp_path: Path) -> None:

@@ -29,8 +29,8 @@ def cut_mesh(
 
     Returns
     -------
-    rings, lines : lists of ndarrays of shape (K, 2), float64
-        Rings without the closing point. A line is open: the mesh is a surface and not a solid there.
+    tuple of two lists of ndarrays of shape (K, 2), float64
+        Rings without the closing point, and lines, which are open: the mesh is a surface and no solid there.
     """
     z = vertices[:, 2]
     for _ in range(_STEPS):

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -57,6 +57,11 @@ def read_outlines(areas: Iterable[Any], *, max_thickness: float = MAX_THICKNESS)
     -------
     Solids
         In the areas' frame.
+
+    Raises
+    ------
+    DrawingTooComplex
+        If the edges lie too densely to be compared.
 
     Notes
     -----
@@ -136,14 +141,3 @@ def _faces_alone(lines: Iterable[NDArray[np.float64]], strips: list[Strip]) -> l
         if not any(length <= caps[i].length + 0.03 for i in near):
             out.append(line)
     return out
-
-
-def moved(solids: Solids, offset: NDArray[np.float64]) -> Solids:
-    """Return the solids shifted by a (2,) offset [m]."""
-    return Solids(
-        tuple(
-            replace(w, centre=w.centre + offset, faces=(w.faces[0] + offset, w.faces[1] + offset))
-            for w in solids.walls
-        ),
-        tuple(replace(c, outline=c.outline + offset) for c in solids.columns),
-    )
