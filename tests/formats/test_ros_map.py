@@ -28,7 +28,10 @@ from service.domain.errors import (
 from service.domain.scale import ScaleHint
 from worker.formats.drawing import read_drawing_file
 from worker.formats.grey_map import load_pgm
+from worker.formats.occupancy import write_occupancy
 from worker.formats.ros_map import load_ros_map
+from worker.geometry.cloud.occupancy_grid import occupancy_grid
+from worker.geometry.drawing.reading import Wall
 
 HEADER = "image: map.pgm\nresolution: 0.05\norigin: [-1.0, -2.0, 0.0]\nnegate: 0\n"
 THRESHOLDS = "occupied_thresh: 0.65\nfree_thresh: 0.196\n"
@@ -120,6 +123,20 @@ def test_a_slanted_noisy_wall_stays_where_it_is(tmp_path: Path) -> None:
     assert np.abs((points - (20, 30)) @ normal).max() < 3.0
     assert sum(w.length for w in reading.walls) >= 0.95 * 0.05 * np.hypot(180, 75)
     assert reading.counts["specks"] > 20
+
+
+def test_the_grid_of_a_map_reads_back_as_its_walls(tmp_path: Path) -> None:
+    corners = np.array([(1.0, 1.0), (9.0, 1.0), (9.0, 5.0), (1.0, 5.0), (1.0, 2.0)])
+    walls = [Wall.of(corners[[i, i + 1]], thickness=0.2) for i in range(4)]
+    image, header = write_occupancy(tmp_path, occupancy_grid(walls, resolution=0.05))
+    assert image.is_file()
+    reading = load_ros_map(header)
+    origin = next(f for f in reading.findings if f.code == "robot-map").members["origin"]
+    faces = np.vstack([f for w in reading.walls for f in w.faces]) + origin[:2]
+    assert faces.min(axis=0) == pytest.approx([0.9, 0.9], abs=0.06)
+    assert faces.max(axis=0) == pytest.approx([9.1, 5.1], abs=0.06)
+    assert sum(w.length for w in reading.walls) == pytest.approx(23.0, abs=0.6)
+    assert all(w.thickness == pytest.approx(0.2, abs=0.06) for w in reading.walls)
 
 
 def test_a_word_on_the_scale_wins(tmp_path: Path) -> None:
