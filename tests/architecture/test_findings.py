@@ -9,6 +9,7 @@ from pathlib import Path
 ROOT = Path(__file__).parents[2]
 PLACES = (ROOT / "worker" / "geometry" / "drawing", ROOT / "worker" / "formats")
 NOT_OF_DRAWINGS = "scan-"
+MAKERS = {"Finding", "_finding"}
 
 
 def codes_in_code() -> set[str]:
@@ -16,7 +17,7 @@ def codes_in_code() -> set[str]:
     found = set()
     for path in (path for place in PLACES for path in place.glob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_finding = isinstance(node, ast.Call) and getattr(node.func, "id", "") == "Finding"
+            is_finding = isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS
             if is_finding and node.args and isinstance(node.args[0], ast.Constant):
                 found.add(str(node.args[0].value))
     return {code for code in found if not code.startswith(NOT_OF_DRAWINGS)}
