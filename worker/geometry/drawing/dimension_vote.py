@@ -139,7 +139,9 @@ def largest_camp(dimensions: Sequence[Dimension], *, unit: float) -> Camp | None
     chosen = [(options[i][0], options[i][1]) for i in best]
     value = sum(d.metres(unit) * s.length for d, s in chosen) / sum(s.length**2 for _, s in chosen)
     lengths = _different([s.length for _, s in chosen])
-    chance = _chance(len(dimensions), lengths, len(options) / len(dimensions), float(np.median(tolerance)))
+    chance = _chance(
+        _statements(dimensions), lengths, len(options) / len(dimensions), float(np.median(tolerance))
+    )
     return Camp(value, tuple(chosen), lengths, weight, chance)
 
 
@@ -178,6 +180,16 @@ def _different(lengths: list[float]) -> int:
     for length in sorted(lengths):
         if length > last * (1 + _SAME_LENGTH) or count == 0:
             count, last = count + 1, length
+    return count
+
+
+def _statements(dimensions: Sequence[Dimension]) -> int:
+    """Return how many dimensions remain when those of one number over one length are one."""
+    count = 0
+    last = (-math.inf, -math.inf)
+    for said in sorted((math.log(d.measure.value), math.log(d.spans[0].length)) for d in dimensions):
+        if max(abs(said[0] - last[0]), abs(said[1] - last[1])) > _SAME_LENGTH:
+            count, last = count + 1, said
     return count
 
 
