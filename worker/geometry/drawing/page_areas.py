@@ -15,6 +15,7 @@ _LEAST_LENGTH, _LEAST_SHARE = 5.0, 0.5
 _PIER_LOW, _PIER_HIGH = 0.15, 1.5
 _LEAST_MASK = 0.02
 _LARGEST_ARROW, _JOINT = 1.5, 0.003
+_LARGEST_LETTER, _CONVEX, _LEAST_LETTERS, _LETTER_SHARE = 1.2, 0.8, 6, 0.4
 _MOST_AREAS = 50_000
 _DARKEST_ZONE = 0xD8
 
@@ -84,6 +85,13 @@ def _wall_like(areas: dict[int, Any]) -> list[int]:
     )
     bodies = shapely.get_parts(whole)
     good = np.array([_is_wall_like(body) for body in bodies], dtype=np.bool_)
+    small = np.array([_side(body) < _LARGEST_LETTER for body in bodies], dtype=np.bool_)
+    letters = small & np.array(
+        [body.area < _CONVEX * body.convex_hull.area for body in bodies], dtype=np.bool_
+    )
+    if letters.sum() >= _LEAST_LETTERS and letters.sum() >= _LETTER_SHARE * small.sum():
+        letters = small  # text drawn as areas: the upright strokes of an i or l look like piers
+    good &= ~letters
     tree = shapely.STRtree(bodies)
     middles = [a.representative_point() for a in pieces.values()]
     piece, body = tree.query(middles, predicate="intersects")
@@ -91,11 +99,17 @@ def _wall_like(areas: dict[int, Any]) -> list[int]:
     return [numbers[i] for i in np.unique(piece[good[body]])]
 
 
+def _side(area: Any) -> float:
+    """Return the longer side of the box around an area."""
+    left, bottom, right, top = area.bounds
+    return float(max(right - left, top - bottom))
+
+
 def _is_wall_like(area: Any) -> bool:
     """Return whether a body is a strip, a net of strips or a pier, and no arrowhead."""
     thickness = 2.0 * area.area / max(area.length, 1e-9)
     box = area.bounds
-    side = max(box[2] - box[0], box[3] - box[1])
+    side = _side(area)
     if side < _LARGEST_ARROW and len(_corners(area)) <= 3:
         return False
     long = area.length / 2 >= 3.0 * thickness and side >= 0.3
