@@ -132,6 +132,9 @@ def _publish(work: Path, output: Path) -> None:
 
 def _say(args: argparse.Namespace, result: dict[str, Any]) -> None:
     print(file=sys.stderr)
+    for finding in result.get("findings", ()):
+        if finding["severity"] != "info":
+            print(f"{finding['severity']}: {finding['code']}: {finding['message']}", file=sys.stderr)
     if args.json:
         print(json.dumps({"output": str(args.output), **result}, sort_keys=True))
         return
