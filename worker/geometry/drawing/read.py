@@ -12,6 +12,7 @@ from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing import cleanup, pens
 from worker.geometry.drawing.dashes import dashed
+from worker.geometry.drawing.frames import frames
 from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.pairs import find_pairs, regular_patterns
 from worker.geometry.drawing.parts import measure_parts
@@ -33,6 +34,7 @@ _REASONS = {
     "dust": "free-standing and smaller than 4 cm; `counts.dust` tells how many, an even selection is shown",
     "text": "free-standing and smaller than 70 cm: a letter, a number or a symbol",
     "symbol": "free-standing and smaller than 2.4 m, and not in the shape of a wall",
+    "frame": "the rectangle around everything on the sheet, or a title block on it",
     "lane": "of a figure whose lines lead from dot to dot: lanes, way points or leaders",
     "dashed": "one of a row of free bars: a dashed line",
     "pattern": "one of at least five parallels at one spacing: stairs, planks or tiles",
@@ -125,6 +127,7 @@ def _sort_out(
     m = ink.metres_per_px
     sorting = _Sorting(ink, strokes, np.full(len(strokes), "", dtype="<U12"), [])
     parts = measure_parts(ink.mask, m)
+    sorting.put("frame", frames(strokes, parts))
     sorting.put("dashed", dashed(strokes, parts, m))
     for name, which in cleanup.small_parts(strokes, parts, m).items():
         sorting.put(name, which)
