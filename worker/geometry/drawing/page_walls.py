@@ -35,7 +35,7 @@ ASSUMED_EXTENT = 40.0
 _NOT_WALLS = ("door", "window", "text", "dimension", "hatch", "furniture", "stair", "frame", "grid")
 _LEAST_PEN, _LIGHTEST, _LEAST_BESIDE = 0.3, 0.7, 0.4
 _SAME_PEN = 0.02
-_DOOR, _LEAST_CLUSTER = 0.85, 0.25
+_DOOR, _LEAST_CLUSTER, _NEIGHBOUR = 0.85, 0.25, 0.8
 _LEAST_PAIRED, _LEAST_LENGTH = 0.2, 8.0
 _FRAME_SHARE, _FRAME_HOLE, _FRAME_SIDES = 0.8, 0.5, 8
 _PX_M, _MOST_PIXELS = 0.015, 60_000_000
@@ -211,7 +211,8 @@ def _without_texts(strips: Strips, texts: NDArray[np.float64]) -> Strips:
 def _main_parts(areas: list[Any], page: tuple[float, float], tell: Progress) -> Solids:
     """Return walls and columns of the material that hangs together over doors; frames and tables fall out.
 
-    Each part that has a quarter of the largest one's walls is a plan of its own.
+    Each part that has a quarter of the largest one's walls is a plan of its own, and what lies within the
+    box around these, or next to it, belongs to them.
     """
     if not areas:
         return Solids((), ())
@@ -228,15 +229,31 @@ def _main_parts(areas: list[Any], page: tuple[float, float], tell: Progress) -> 
     spread = np.array([min(p.bounds[2] - p.bounds[0], p.bounds[3] - p.bounds[1]) for p in parts])
     size[spread < 3 * _DOOR] = 0.0  # a single line of material is no plan
     count = np.bincount(part, minlength=len(parts))
+    may = np.ones(len(parts), dtype=np.bool_)
     for k in _frame_parts(parts, page):
         inside = tree.query(shapely.Polygon(parts[k].exterior), predicate="contains_properly")
         bare = count[k] <= _FRAME_SIDES and len(parts[k].interiors) == 1
         if bare or (size[inside] >= _LEAST_LENGTH).any():
-            size[k] = 0.0
-    main = (size >= _LEAST_CLUSTER * size.max()) & (size > 0)
+            size[k], may[k] = 0.0, False
+    main = _with_neighbours((size >= _LEAST_CLUSTER * size.max()) & (size > 0), may, parts)
     chosen = [areas[i] for i, k in zip(of, part, strict=True) if main[k]]
     tell("walls", 0.6)
     return read_outlines(chosen)
+
+
+def _with_neighbours(
+    main: NDArray[np.bool_], may: NDArray[np.bool_], parts: NDArray[np.object_]
+) -> NDArray[np.bool_]:
+    """Return the main parts with those that lie in the box around them, or next to a part that does."""
+    while main.any():
+        box = shapely.box(*shapely.total_bounds(parts[main]))
+        kept = shapely.union_all(parts[main])
+        near = shapely.contains(box, parts) | shapely.dwithin(parts, kept, _NEIGHBOUR)
+        grown = main | (near & may)
+        if (grown == main).all():
+            break
+        main = grown
+    return main
 
 
 def _frame_parts(parts: NDArray[np.object_], page: tuple[float, float]) -> list[int]:
