@@ -3,18 +3,21 @@
 from __future__ import annotations
 
 import io
+import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
+import numpy as np
 from ezdxf import filemanagement, recover
 from ezdxf.document import Drawing
 from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.entities.insert import Insert
 from ezdxf.lldxf.const import DXFError
-from ezdxf.math import Matrix44
+from ezdxf.math import Matrix44, Vec3
+from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
 from service.domain.errors import (
@@ -27,7 +30,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.dxf_entities import IGNORED, add_entity, dimension_of, style_of
 from worker.formats.dxf_linework import linework_of
-from worker.formats.dxf_parts import Part, PartBuilder, Style
+from worker.formats.dxf_parts import Part, PartBuilder, Style, repeated
 from worker.formats.dxf_sheets import sheet_part, title_witness
 from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.scale import Witness
@@ -253,9 +256,8 @@ class _Reader:
         name = str(insert.dxf.get("name", ""))
         part = self._block(name, above)
         if part is not None and (len(part.ends) or part.texts):
-            grid = insert.multi_insert() if insert.mcount > 1 else (insert,)
-            for one in grid:
-                to.add_part(part.placed(one.matrix44(), style))
+            placed = part.placed(insert.matrix44(), style)
+            to.add_part(repeated(placed, _grid(insert)) if insert.mcount > 1 else placed)
         for attribute in insert.attribs:
             if not attribute.is_invisible:
                 add_entity(attribute, style_of(attribute, in_block=False), to)
@@ -347,6 +349,18 @@ class _Reader:
                 )
             )
         return out
+
+
+def _grid(insert: Insert) -> NDArray[np.float64]:
+    """Return the (N, 2) places of an array of references against its first one."""
+    dxf = insert.dxf
+    columns = np.arange(max(1, dxf.get("column_count", 1))) * float(dxf.get("column_spacing", 0.0))
+    rows = np.arange(max(1, dxf.get("row_count", 1))) * float(dxf.get("row_spacing", 0.0))
+    x, y = (v.ravel() for v in np.meshgrid(columns, rows))
+    turn = math.radians(dxf.get("rotation", 0.0))
+    ocs = insert.ocs()
+    right, up = (ocs.to_wcs(Vec3.from_angle(turn + more)) for more in (0.0, math.pi / 2))
+    return np.column_stack([x * right.x + y * up.x, x * right.y + y * up.y])
 
 
 def _finding(code: str, severity: str, message: str, **members: object) -> Finding:

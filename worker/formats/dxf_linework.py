@@ -19,10 +19,9 @@ from worker.geometry.drawing.linework import Linework
 from worker.geometry.drawing.scale import Witness
 
 _ABSURD = 1e12
-_FAR = 20.0
+_FAR = 40.0
 _MOST_FAR = 0.02
 _LEAST_FAR = 3
-_LENGTH_BINS = 0.9
 
 
 def linework_of(
@@ -87,7 +86,7 @@ def _near(part: Part) -> tuple[Part, int]:
     high = np.maximum.reduceat(part.ends.max(axis=1), first)
     centre = (low + high) / 2.0
     away = np.abs(centre - np.median(centre, axis=0)).max(axis=1)
-    usual = float(np.quantile(away, _LENGTH_BINS))
+    usual = float(np.median(away))
     size = float(np.median((high - low).max(axis=1)))
     far = away > _FAR * max(usual, size)
     if not far.any() or far.sum() > max(_LEAST_FAR, _MOST_FAR * len(present)) or far.sum() * 2 > len(present):
@@ -113,7 +112,8 @@ def _table(
     present, entity = np.unique(part.entity, return_inverse=True)
     drawn = [part.drawn[e] for e in present.tolist()]
     resolve = _Resolver(doc)
-    styles = [resolve(d) for d in drawn]
+    known = {id(d): resolve(d) for d in {id(d): d for d in drawn}.values()}
+    styles = [known[id(d)] for d in drawn]
     names = {name: n for n, name in enumerate(dict.fromkeys(s.layer for s in styles))}
     return Linework(
         ends=part.ends,

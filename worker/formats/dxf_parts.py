@@ -90,12 +90,31 @@ class Part:
         """Return the part as a reference places it; with `kind` all its entities become of that kind."""
         m = np.array(list(matrix), dtype=np.float64).reshape(4, 4)
         linear, shift = m[:2, :2], m[3, :2]
-        drawn = [replace(d, style=d.style.placed_by(style), kind=kind or d.kind) for d in self.drawn]
+        distinct = {id(d): d for d in self.drawn}  # many entities share one
+        known = {
+            n: replace(d, style=d.style.placed_by(style), kind=kind or d.kind) for n, d in distinct.items()
+        }
+        drawn = [known[id(d)] for d in self.drawn]
         texts = [_placed_text(t, linear, shift, style.layer) for t in self.texts]
         arcs = self.arcs if kind == "" else self.arcs[:0]
         return Part(
             self.ends @ linear + shift, self.entity, drawn, _placed_arcs(arcs, linear, shift), texts, []
         )
+
+
+def repeated(part: Part, offsets: NDArray[np.float64]) -> Part:
+    """Return a part once at each of (N, 2) offsets."""
+    n = len(offsets)
+    arcs = np.tile(part.arcs, (n, 1))
+    arcs[:, :2] += np.repeat(offsets, len(part.arcs), axis=0)
+    return Part(
+        np.tile(part.ends, (n, 1, 1)) + np.repeat(offsets, len(part.ends), axis=0)[:, None],
+        np.tile(part.entity, n) + np.repeat(np.arange(n) * len(part.drawn), len(part.entity)),
+        part.drawn * n,
+        arcs,
+        [replace(t, x=t.x + float(x), y=t.y + float(y)) for x, y in offsets for t in part.texts],
+        [],
+    )
 
 
 class PartBuilder:

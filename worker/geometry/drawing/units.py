@@ -17,7 +17,7 @@ from worker.geometry.drawing.linework_roles import assign_roles
 from worker.geometry.drawing.scale import USUAL_UNITS, Witness, contradictions, decide
 from worker.geometry.drawing.sheet_scale import SheetScale
 from worker.geometry.drawing.title_block import not_to_scale
-from worker.geometry.drawing.vector_pairs import Lines, distinct, stretches
+from worker.geometry.drawing.vector_pairs import Lines, crowded, distinct, stretches
 
 _EXTENT = (8.0, 400.0)
 _DOOR = (0.6, 1.2)
@@ -26,7 +26,7 @@ _SWEEP = (math.radians(60.0), math.radians(185.0))
 _LEAF = 0.1
 _HINGE = 0.15
 _SHARE_OF_EXTENT = 20.0
-_MOST_LINES = 20_000
+_MOST_LINES = 5_000
 _MOST_DIMENSIONS = 2000
 _EXACT = 0.01
 _MOST_COUNT = 3
@@ -38,7 +38,7 @@ def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScal
 
     Buildings are 8 to 400 m long, doors swing over 0.6 to 1.2 m, walls are 8 to 40 cm thick, and a dimension
     whose text was written by hand says how long its line is. The file's own header is one voice among these:
-    most files say millimetres, whatever they are drawn in. Where doors, dimensions or a stated scale disprove
+    most files say millimetres, whatever they are drawn in. Where doors, dimensions or a sheet disprove
     it, it has no vote.
 
     Parameters
@@ -72,7 +72,7 @@ def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScal
 
 
 def _disproved(header: Witness, heard: Sequence[Witness], units: Sequence[float]) -> bool:
-    """Return whether the header's unit contradicts what is measured: then it has no vote, whatever it says."""
+    """Return whether the header's unit contradicts what is measured: then it has no vote."""
     strong = [w for w in heard if w.count >= _SURE.get(w.kind, math.inf)]
     named = [w for w in strong if any(w.allows(unit) for unit in units)]
     return any(not w.allows(header.value) for w in named)
@@ -121,7 +121,10 @@ def _spacing(walls: NDArray[np.float64]) -> list[Witness]:
         walls = walls[np.argsort(-length)[:_MOST_LINES]]
     extent = float(np.ptp(walls.reshape(-1, 2), axis=0).max())
     reach = extent / _SHARE_OF_EXTENT
-    found = stretches(Lines.of(walls), thickest=reach, thinnest=reach / 1000, least=reach / 1000)
+    lines = Lines.of(walls)
+    if crowded(lines, reach=reach):
+        return []
+    found = stretches(lines, thickest=reach, thinnest=reach / 1000, least=reach / 1000)
     nearest: dict[int, tuple[float, float]] = {}
     for s in found:
         if s.length >= 1.5 * s.spacing:

@@ -23,7 +23,7 @@ _LEAST_PIECE = 0.005
 _LEAST_RATIO = 1.0
 _SAME_SPACING = 0.012
 _CAP_REACH = 0.02
-_AT_ONCE = 2000
+_AT_ONCE = 500
 _MOST_PAIRS = 20_000_000
 
 Spans = list[tuple[float, float]]
@@ -119,6 +119,8 @@ def stretches(
     Each line is cut where a parallel one begins or ends, on either side, and each piece faces the nearest; a
     stretch is where two lines face each other mutually. Parallel is within 1.5 degrees.
     """
+    if crowded(lines, reach=thickest):
+        raise _too_dense(len(lines.length))
     seen: dict[tuple[int, int], Spans] = defaultdict(list)
     geometry = shapely.linestrings(
         np.stack([lines.start, lines.start + lines.along * lines.length[:, None]], axis=1)
@@ -132,12 +134,25 @@ def stretches(
         one = one + first
         compared += len(one)
         if compared > _MOST_PAIRS:
-            raise DrawingTooComplex(
-                f"{len(geometry)} lines lie so close to each other that over {_MOST_PAIRS} pairs would be "
-                "compared. Export the one floor that is needed, or print the sheet as an image."
-            )
+            raise _too_dense(len(geometry))
         _see(lines, one, other, between=(thinnest, thickest), least=least, seen=seen)
     return _mutual(lines, seen, least)
+
+
+def crowded(lines: Lines, *, reach: float) -> bool:
+    """Return whether so many lines lie within `reach` [m] of each other that comparing them is hopeless."""
+    middle = lines.start + lines.along * (lines.length / 2.0)[:, None]
+    low = middle.min(axis=0)
+    cell = np.minimum(np.floor((middle - low) / max(reach, 1e-9)), 2.0**31).astype(np.int64)
+    _, count = np.unique(cell[:, 0] << 32 | cell[:, 1], return_counts=True)
+    return float((count.astype(np.float64) ** 2).sum()) > _MOST_PAIRS / 2
+
+
+def _too_dense(count: int) -> DrawingTooComplex:
+    return DrawingTooComplex(
+        f"{count} lines lie so close to each other that over {_MOST_PAIRS} pairs would be compared. Export "
+        "the one floor that is needed, or print the sheet as an image."
+    )
 
 
 def _see(
