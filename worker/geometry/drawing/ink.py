@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.skew import Level, find_skew
-from worker.geometry.drawing.speckle import is_speckled, without_specks
+from worker.geometry.drawing.speckle import is_blurred, is_speckled, without_specks
 
 _FINEST = 0.0125
 _DUST = 0.04
@@ -18,6 +18,8 @@ _PAPER_WINDOW = 2.6
 _LEAST_CONTRAST = 20.0
 _SHARE_OF_DARKEST = 0.4
 _DARKEST_PAPER = 40
+_FRINGE = 0.55
+_LARGEST_TURNED = 27_000
 _STRIP_ROWS = 256
 
 
@@ -65,10 +67,10 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
 
     The paper's own colour is found locally (what is brightest within 2.6 m, smoothed), and ink is measured
     as the share of that light which it takes away, so that shade, folds and tinted paper neither pass for
-    ink nor weaken it. A speckled sheet loses its specks, one that lies askew is levelled. Then it is reduced
-    to about 1 cm a pixel by the darkest pixel of each block, so that thin lines survive. Ink is what stands
-    out from the paper by 40 % of the drawing's own dark strokes; what stands out by half of that counts
-    where it touches such ink.
+    ink nor weaken it. A speckled sheet loses its specks, it and a blurred one the slopes beside their lines,
+    one that lies askew is levelled. Then it is reduced to about 1 cm a pixel by the darkest pixel of each
+    block, so that thin lines survive. Ink is what stands out from the paper by 40 % of the drawing's own dark
+    strokes; what stands out by half of that counts where it touches such ink.
 
     Notes
     -----
@@ -76,17 +78,19 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     """
     reduction = max(1, int(_FINEST / metres_per_px + 1e-9))
     paper = _paper(grey, metres_per_px)
-    sheet = without_specks(grey, fill=reduction == 1) if is_speckled(grey) else grey
+    speckled = is_speckled(grey)
+    sheet = without_specks(grey, fill=reduction == 1) if speckled else grey
     level = Level.of((grey.shape[0], grey.shape[1]), 0.0)
     darkest, mean = _reduced(sheet, reduction)
     contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
-    mask = _drawn(contrast)
-    angle = find_skew(mask)
+    is_soft = speckled or is_blurred(contrast)
+    mask = _drawn(contrast, is_soft=is_soft)
+    angle = find_skew(mask) if max(grey.shape) <= _LARGEST_TURNED else 0.0
     if angle:
         level = Level.of((grey.shape[0], grey.shape[1]), angle)
         darkest, mean = _reduced(level.levelled(sheet, outside=255), reduction)
         contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
-        mask = _drawn(contrast)
+        mask = _drawn(contrast, is_soft=is_soft)
     mean = _taken(mean, _paper_at(paper, level, grey.shape, mean.shape, reduction))
     height = grey.shape[0] * metres_per_px
     return Ink(mask, mean, reduction, metres_per_px * reduction, height, level if angle else None)
@@ -120,6 +124,10 @@ def _paper_at(
     paper: NDArray[np.uint8], level: Level, sheet: tuple[int, ...], size: tuple[int, ...], reduction: int
 ) -> NDArray[np.uint8]:
     """Return the paper at the working pixels; the last blocks may reach beyond the sheet."""
+    if not level.is_turned:
+        return np.asarray(
+            cv2.resize(paper, (size[1], size[0]), interpolation=cv2.INTER_LINEAR), dtype=np.uint8
+        )
     whole = replace(level, rows=size[0] * reduction, columns=size[1] * reduction)
     return whole.sampled(paper, sheet, (size[0], size[1]))
 
@@ -149,8 +157,8 @@ def _reduced(sheet: NDArray[np.uint8], k: int) -> tuple[NDArray[np.uint8], NDArr
     return darkest, mean
 
 
-def _drawn(contrast: NDArray[np.uint8]) -> NDArray[np.bool_]:
-    """Return what stands out from the paper."""
+def _drawn(contrast: NDArray[np.uint8], *, is_soft: bool) -> NDArray[np.bool_]:
+    """Return what stands out from the paper; on a soft sheet, without the slopes beside it."""
     noise = float(np.median(contrast[::3, ::3])) + 6.0 * _spread(contrast)
     floor = min(max(_LEAST_CONTRAST, noise), 90.0)
     counts = cv2.calcHist([contrast], [0], None, [256], [0, 256]).ravel()
@@ -159,7 +167,15 @@ def _drawn(contrast: NDArray[np.uint8]) -> NDArray[np.bool_]:
         return np.zeros(contrast.shape, dtype=np.bool_)
     high = float(np.searchsorted(np.cumsum(counts), 0.75 * counts.sum()))
     strong = max(floor, _SHARE_OF_DARKEST * high)
-    return _hysteresis(contrast, low=max(strong / 2, floor), high=strong)
+    sharp = _without_fringe(contrast) if is_soft else contrast
+    return _hysteresis(sharp, low=max(strong / 2, floor), high=strong)
+
+
+def _without_fringe(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the contrast without the slopes that blur lays beside every line."""
+    highest = cv2.dilate(contrast, np.ones((3, 3), np.uint8))
+    slope = cv2.subtract(cv2.convertScaleAbs(highest, alpha=_FRINGE), contrast) > 0
+    return np.where(slope, np.uint8(0), contrast)
 
 
 def _spread(contrast: NDArray[np.uint8]) -> float:

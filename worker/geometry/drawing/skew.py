@@ -14,7 +14,6 @@ _COARSE_DEGREES, _FINE_DEGREES = 0.25, 0.05
 _COARSE_BIN, _FINE_BIN = 4.0, 1.5
 _MOST_POINTS = 60_000
 _CLEAR, _BETTER = 1.25, 1.05
-_LARGEST_SIDE = 32_000
 
 
 @dataclass(frozen=True)
@@ -105,7 +104,7 @@ def find_skew(mask: NDArray[np.bool_]) -> float:
     sum of the squared counts is largest along them (Postl, 1986). Some 60,000 points are enough.
     """
     places = np.flatnonzero(mask)
-    if len(places) < 200 or max(mask.shape) > _LARGEST_SIDE:
+    if len(places) < 200:
         return 0.0
     places = places[:: max(1, len(places) // _MOST_POINTS)]
     y, x = np.divmod(places, mask.shape[1])

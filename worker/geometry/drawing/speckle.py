@@ -1,6 +1,8 @@
-"""Specks of a bad scanner: single dark pixels on paper, single light ones in ink."""
+"""What a bad scanner does to a sheet: specks, dark ones on paper and light ones in ink, and blur."""
 
 from __future__ import annotations
+
+from collections.abc import Iterator
 
 import cv2
 import numpy as np
@@ -9,8 +11,10 @@ from numpy.typing import NDArray
 _TILE, _TILES = 192, 7
 _DEEP = 40
 _SHARE = 3e-4
+_EDGE, _STEP, _SHARP_SHARE = 60, 0.72, 0.05
 _STRIP_ROWS = 512
 _RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.uint8)
+_WINDOW = np.ones((5, 5), dtype=np.uint8)
 _PAIRS = (
     np.array([[0, 0, 0], [1, 0, 1], [0, 0, 0]], dtype=np.uint8),
     np.array([[0, 1, 0], [0, 0, 0], [0, 1, 0]], dtype=np.uint8),
@@ -24,14 +28,27 @@ def is_speckled(grey: NDArray[np.uint8]) -> bool:
 
     Only 49 tiles are looked at. Three in four have to agree, so that dotted hatches do not count.
     """
+    shares = [float((cv2.subtract(cv2.erode(tile, _RING), tile) > _DEEP).mean()) for tile in _tiles(grey)]
+    return float(np.percentile(shares, 25)) > _SHARE
+
+
+def is_blurred(contrast: NDArray[np.uint8]) -> bool:
+    """Return whether the edges of a (H, W) sheet are soft: nearly none rises within one pixel."""
+    edges = sharp = 0
+    for tile in _tiles(contrast):
+        rise = cv2.subtract(cv2.dilate(tile, np.ones((3, 3), np.uint8)), tile)
+        whole = cv2.subtract(cv2.dilate(tile, _WINDOW), cv2.erode(tile, _WINDOW))
+        edge = whole > _EDGE
+        edges += int(edge.sum())
+        sharp += int((edge & (rise > _STEP * whole)).sum())
+    return edges > 0 and sharp < _SHARP_SHARE * edges
+
+
+def _tiles(grey: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
     height, width = grey.shape
-    shares = []
     for y in np.linspace(0, max(0, height - _TILE), _TILES).astype(int):
         for x in np.linspace(0, max(0, width - _TILE), _TILES).astype(int):
-            tile = np.ascontiguousarray(grey[y : y + _TILE, x : x + _TILE])
-            deep = cv2.subtract(cv2.erode(tile, _RING), tile) > _DEEP
-            shares.append(float(deep.mean()))
-    return float(np.percentile(shares, 25)) > _SHARE
+            yield np.ascontiguousarray(grey[y : y + _TILE, x : x + _TILE])
 
 
 def without_specks(grey: NDArray[np.uint8], *, fill: bool) -> NDArray[np.uint8]:
@@ -53,6 +70,6 @@ def without_specks(grey: NDArray[np.uint8], *, fill: bool) -> NDArray[np.uint8]:
         lifted = cv2.max(grey[low:high], cv2.erode(grey[low:high], _RING))
         clean = cv2.min(lifted, cv2.dilate(lifted, _RING))
         for pair in _PAIRS if fill else ():
-            clean = cv2.min(clean, cv2.dilate(lifted, pair))
+            clean = cv2.min(clean, cv2.dilate(lifted, pair, borderType=cv2.BORDER_REPLICATE))
         out[top:bottom] = clean[top - low : bottom - low]
     return out
