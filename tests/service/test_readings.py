@@ -15,6 +15,7 @@ from typing import Any
 import httpx
 import numpy as np
 import pytest
+from PIL import Image, ImageDraw
 from pypcd4 import PointCloud
 
 from service.domain.scale import KnownLength, ScaleHint
@@ -98,15 +99,23 @@ def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_
 
 
 @pytest.mark.usefixtures("worker")
-def test_a_drawing_without_a_scale_is_read_and_says_so(
+def test_a_scale_that_nobody_gave_is_found_on_the_sheet_or_unknown(
     admin: httpx.Client, map_id: str, tmp_path: Path
 ) -> None:
-    a_drawing_png(tmp_path / "hall.png")
-    sent = admin.post(
-        f"/v1/maps/{map_id}/drawings", files={"file": ("h.png", (tmp_path / "hall.png").read_bytes())}
-    )
-    assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
-    assert admin.get(sent.headers["location"]).json()["reading"]["scale"]["state"] == "unknown"
+    measured = KnownLength(*astuple(a_drawing_png(tmp_path / "hall.png")))
+    bare = Image.new("L", (640, 600), 255)
+    ImageDraw.Draw(bare).rectangle((100, 100, 540, 500), outline=0, width=12)
+    bare.save(tmp_path / "bare.png")
+    scales = []
+    for name in ("hall.png", "bare.png"):
+        content = (tmp_path / name).read_bytes()
+        sent = admin.post(f"/v1/maps/{map_id}/drawings", files={"file": (name, content)})
+        assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
+        scales.append(admin.get(sent.headers["location"]).json()["reading"]["scale"])
+    true = ScaleHint(known_length=measured).metres_per_px()
+    assert (scales[0]["state"], scales[1]["state"]) == ("found", "unknown")
+    assert scales[0]["metres_per_unit"] == pytest.approx(true, rel=0.005)
+    assert scales[1]["metres_per_unit"] is None
 
 
 @pytest.mark.usefixtures("worker")
