@@ -216,6 +216,8 @@ def _read_text(path: Path, header: PlyHeader, vertex: PlyElement) -> NDArray[np.
             io.BytesIO(body), usecols=columns, ndmin=2, skiprows=before, max_rows=vertex.count, comments=None
         )
     except ValueError as error:
+        if not body.endswith((b"\n", b"\r")):
+            raise FileTruncated("The text of the PLY file ends inside a line: it is cut short.") from error
         raise HeaderMismatch(f"The text of the PLY file is not what its header promises: {error}.") from error
     return table.reshape(-1, 3)
 

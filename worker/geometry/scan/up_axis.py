@@ -49,8 +49,8 @@ def find_up_axis(sample: SurfaceSample, *, stated: str | None = None, stated_by:
     Floors, ceilings and table tops face along gravity, walls across it, whichever way the walls run. Three
     measures are added as log-likelihoods to what is usual (z, then y as in ARKit): the share of flat places
     that face along the axis, the share that face along *or* across it, and how low the scan is that way.
-    A statement of the file is believed unless these speak strongly against it; where they hardly tell two axes
-    apart, z is kept.
+    A statement of the file is believed unless these speak strongly against it; where they hardly tell two
+    axes apart, z is kept.
     """
     if not sample.enough:
         if stated is not None:
