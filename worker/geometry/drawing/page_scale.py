@@ -29,7 +29,7 @@ RATIOS = (
 """Denominators that drawings are printed at: metric, architect's and engineer's scales."""
 
 _DPI, _SAME_SCALE = 1270.0, 1e-3
-_MOST_MEASURED = 300
+_MOST_MEASURED, _MOST_LOOKS = 300, 1e8
 _DOOR_LOW, _DOOR_HIGH, _LEAST_DOORS = 0.6, 1.3, 3
 _QUARTER = (math.radians(70.0), math.radians(100.0))
 _SAME_RADIUS = 0.03
@@ -115,7 +115,8 @@ def _dimensions(linework: Linework, *, unit: float | None) -> tuple[Witness, ...
     px = _DPI / 25.4 * linework.page_mm_per_unit if linework.page_mm_per_unit else 20_000 / extent
     index = StrokeIndex.of(linework)
     heard = []
-    for text, measure in measured[:_MOST_MEASURED]:
+    most = min(_MOST_MEASURED, max(20, int(_MOST_LOOKS / len(linework.ends))))
+    for text, measure in measured[:most]:
         spans = tuple(Span(s.length * px, s.quality, s.start, s.end) for s in page_spans(index, text))
         heard.append(Dimension(text.text, measure, spans, text.height * px))
     found = dimension_witnesses(heard, unit=unit, extent=extent * px)
