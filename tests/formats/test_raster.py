@@ -16,10 +16,12 @@ from service.domain.errors import (
     FileMalformed,
     FileTruncated,
     ImageTooLarge,
+    PageNeeded,
     PageNotFound,
     UnsupportedMedia,
 )
-from worker.formats.raster import load_dpi, load_raster
+from worker.formats.raster import load_dpi, load_raster, load_sheet
+from worker.formats.tiff_pages import list_tiff_pages
 
 MARK = np.full((40, 60), 255, dtype=np.uint8)
 MARK[5:10, 10:30] = 0
@@ -137,7 +139,7 @@ def test_a_text_file_named_png_is_refused_by_its_bytes(tmp_path: Path) -> None:
         load_raster(path)
 
 
-@pytest.mark.parametrize("suffix", ["png", "jpg", "tiff", "bmp"])
+@pytest.mark.parametrize("suffix", ["png", "jpg", "tiff", "bmp", "webp"])
 def test_a_cut_file_is_refused_wherever_it_was_cut(tmp_path: Path, suffix: str) -> None:
     whole = tmp_path / f"whole.{suffix}"
     Image.fromarray(np.random.default_rng(0).integers(0, 255, (200, 300), dtype=np.uint8)).save(whole)
@@ -161,7 +163,7 @@ def test_png_cut_in_its_pixels_is_called_truncated(tmp_path: Path) -> None:
 @pytest.mark.parametrize("seed", range(20))
 def test_flipped_bytes_are_read_or_refused_never_a_crash(tmp_path: Path, seed: int) -> None:
     rng = np.random.default_rng(seed)
-    for suffix in ("png", "jpg", "tiff", "bmp"):
+    for suffix in ("png", "jpg", "tiff", "bmp", "webp"):
         path = tmp_path / f"flip.{suffix}"
         Image.fromarray(MARK).save(path)
         content = bytearray(path.read_bytes())
@@ -207,3 +209,136 @@ def test_a_sheet_of_65_megapixels_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a0.png"
     Image.new("1", (10_000, 6_500), 1).save(path)
     assert load_raster(path).shape == (6_500, 10_000)
+
+
+def three_pages(path: Path) -> None:
+    pages = [Image.fromarray(MARK), Image.fromarray(255 - MARK), Image.new("L", (30, 20), 255)]
+    pages[0].save(path, save_all=True, append_images=pages[1:])
+
+
+def test_several_pages_are_listed_and_none_is_guessed(tmp_path: Path) -> None:
+    path = tmp_path / "set.tiff"
+    three_pages(path)
+    with pytest.raises(PageNeeded, match="3 pages") as refusal:
+        load_sheet(path)
+    assert refusal.value.members == {
+        "page_count": 3,
+        "pages": [
+            {"page": 1, "width_px": 60, "height_px": 40},
+            {"page": 2, "width_px": 60, "height_px": 40},
+            {"page": 3, "width_px": 30, "height_px": 20},
+        ],
+    }
+    sheet = load_sheet(path, page=3)
+    assert sheet.grey.shape == (20, 30)
+    assert [f.code for f in sheet.findings] == ["page-of-several"]
+
+
+def test_the_only_page_needs_no_number_and_other_kinds_have_one(tmp_path: Path) -> None:
+    Image.fromarray(MARK).save(tmp_path / "one.tiff")
+    assert load_sheet(tmp_path / "one.tiff").findings == ()
+    Image.fromarray(MARK).save(tmp_path / "one.png")
+    assert np.array_equal(load_sheet(tmp_path / "one.png", page=1).grey, MARK)
+    with pytest.raises(PageNotFound):
+        load_sheet(tmp_path / "one.png", page=2)
+
+
+@pytest.mark.parametrize("big", [False, True])
+def test_the_pages_of_classic_and_big_tiffs_are_walked(tmp_path: Path, *, big: bool) -> None:
+    path = tmp_path / "set.tiff"
+    pages = [Image.fromarray(MARK), Image.fromarray(255 - MARK)]
+    pages[0].save(path, save_all=True, append_images=pages[1:], big_tiff=big)
+    assert [(p.directory, p.width, p.height) for p in list_tiff_pages(path)] == [(0, 60, 40), (1, 60, 40)]
+
+
+def test_a_thumbnail_is_no_page(tmp_path: Path) -> None:
+    path = tmp_path / "thumb.tiff"
+    Image.new("L", (6, 4), 255).save(
+        path, save_all=True, append_images=[Image.fromarray(MARK)], tiffinfo={254: 0}
+    )
+    content = bytearray(path.read_bytes())
+    first = struct.unpack_from("<I", content, 4)[0]
+    entries = [first + 2 + 12 * i for i in range(struct.unpack_from("<H", content, first)[0])]
+    at = next(e for e in entries if struct.unpack_from("<H", content, e)[0] == 254)
+    struct.pack_into("<I", content, at + 8, 1)
+    path.write_bytes(content)
+    assert [(p.directory, p.width) for p in list_tiff_pages(path)] == [(1, 60)]
+    assert np.array_equal(load_sheet(path).grey, MARK)
+
+
+def test_directories_that_go_in_a_circle_are_refused(tmp_path: Path) -> None:
+    path = tmp_path / "circle.tiff"
+    Image.fromarray(MARK).save(path)
+    content = bytearray(path.read_bytes())
+    first = struct.unpack_from("<I", content, 4)[0]
+    count = struct.unpack_from("<H", content, first)[0]
+    struct.pack_into("<I", content, first + 2 + 12 * count, first)
+    path.write_bytes(content)
+    with pytest.raises(FileMalformed, match="circle"):
+        load_sheet(path)
+
+
+def tiff_header(entries: list[tuple[int, int, int, int]]) -> bytes:
+    body = b"".join(struct.pack("<HHII", *entry) for entry in sorted(entries))
+    return b"II*\x00" + struct.pack("<IH", 8, len(entries)) + body + struct.pack("<I", 0) + bytes(64)
+
+
+@pytest.mark.parametrize(
+    "extra",
+    [
+        [(256, 4, 1, 60_000), (257, 4, 1, 60_000), (273, 4, 1, 8), (279, 4, 1, 64)],
+        [
+            (256, 4, 1, 90),
+            (257, 4, 1, 90),
+            (322, 4, 1, 60_000),
+            (323, 4, 1, 60_000),
+            (324, 4, 1, 8),
+            (325, 4, 1, 64),
+        ],
+    ],
+    ids=["sheet", "tile"],
+)
+def test_a_tiff_bomb_is_refused_by_its_header(tmp_path: Path, extra: list[tuple[int, int, int, int]]) -> None:
+    path = tmp_path / "bomb.tiff"
+    path.write_bytes(tiff_header([(258, 3, 1, 8), (259, 3, 1, 8), (262, 3, 1, 1), (277, 3, 1, 1), *extra]))
+    with pytest.raises(ImageTooLarge):
+        load_sheet(path)
+
+
+def test_webp_is_read_and_a_cut_one_is_called_truncated(tmp_path: Path) -> None:
+    path = tmp_path / "sheet.webp"
+    Image.fromarray(MARK).convert("RGB").save(path, lossless=True)
+    assert np.array_equal(load_sheet(path).grey, MARK)
+    cut = tmp_path / "cut.webp"
+    cut.write_bytes(path.read_bytes()[:-20])
+    with pytest.raises(FileTruncated):
+        load_sheet(cut)
+
+
+def test_a_sound_file_is_no_image(tmp_path: Path) -> None:
+    path = tmp_path / "sound.webp"
+    path.write_bytes(b"RIFF" + struct.pack("<I", 4) + b"WAVE")
+    with pytest.raises(UnsupportedMedia):
+        load_sheet(path)
+
+
+@pytest.mark.parametrize("suffix", ["jpg", "tiff", "webp"])
+def test_a_turned_photograph_is_set_upright_in_every_kind(tmp_path: Path, suffix: str) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    path = tmp_path / f"phone.{suffix}"
+    Image.fromarray(MARK).convert("RGB").save(path, exif=exif, quality=95)
+    sheet = load_sheet(path)
+    assert sheet.grey.shape == (60, 40)
+    assert np.abs(sheet.grey.astype(int) - MARK.T[:, ::-1]).max() < 40
+    assert [f.code for f in sheet.findings] == ["picture-turned"]
+
+
+def test_pixels_that_are_not_square_are_a_finding(tmp_path: Path) -> None:
+    path = tmp_path / "fax.tiff"
+    Image.fromarray(MARK).save(path, dpi=(204, 98))
+    sheet = load_sheet(path)
+    assert sheet.dpi is None
+    assert [f.code for f in sheet.findings] == ["pixels-not-square"]
+    Image.fromarray(MARK).save(path, dpi=(300, 300))
+    assert load_sheet(path).dpi == pytest.approx(300)
