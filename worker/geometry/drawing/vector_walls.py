@@ -223,10 +223,11 @@ def _areas(
 ) -> tuple[list[object], NDArray[np.bool_]]:
     """Return filled areas of wall layers whose outline no line repeats, and which entities these are."""
     drawn = np.zeros(len(linework.kind), dtype=np.bool_)
-    samples = _samples(ends)
+    outlines = _outlines(linework, filled, unit)
+    samples = _samples(ends) if outlines else np.zeros((0, 2))
     tree = cKDTree(samples) if len(samples) else None
     areas: list[object] = []
-    for e, outline in _outlines(linework, filled, unit).items():
+    for e, outline in outlines.items():
         if len(areas) >= _MOST_AREAS:
             break
         if tree is not None:
