@@ -27,7 +27,8 @@ FORM: JsonObject = {
                         "file": {
                             "type": "string",
                             "format": "binary",
-                            "description": "PLY or PCD; metres, z up; its own bytes decide, not its name.",
+                            "description": "PLY, PCD, LAS, LAZ, E57, XYZ, PTS, CSV, OBJ, GLB, STL or USDZ; "
+                            "its own bytes decide, not its name. Unit and up axis are found.",
                         },
                         "rough_pose": {
                             "type": "string",
