@@ -28,7 +28,7 @@ Progress = Callable[[str, float], None]
 _ASSUMED_EXTENT = 30.0
 _MOST_DUST = 5_000
 _MOSTLY_FACE, _FEW_FACES = 0.3, 0.12
-_LEAST_PARTITION, _LEAST_REST = 0.5, 0.1
+_LEAST_PARTITION, _LEAST_REST = 0.65, 0.1
 _REASONS = {
     "speck": "free-standing and smaller than 12 cm",
     "dust": "free-standing and smaller than 4 cm; `counts.dust` tells how many, an even selection is shown",
