@@ -289,8 +289,11 @@ class _Reader:
         return self._parts[key]
 
     def _told(self) -> list[Finding]:
+        return [*self._findings, *self._told_of_references(), *self._told_of_entities()]
+
+    def _told_of_references(self) -> list[Finding]:
         seen = self._seen
-        out = list(self._findings)
+        out: list[Finding] = []
         if seen.references:
             names = sorted(seen.references.values())[:_MOST_NAMES]
             out.append(
@@ -318,6 +321,11 @@ class _Reader:
                     blocks=names,
                 )
             )
+        return out
+
+    def _told_of_entities(self) -> list[Finding]:
+        seen = self._seen
+        out: list[Finding] = []
         if seen.hidden:
             names = [name for name, _ in seen.hidden.most_common(_MOST_NAMES)]
             out.append(
