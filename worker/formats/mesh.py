@@ -102,6 +102,7 @@ def fan(counts: NDArray[np.integer], corners: NDArray[np.integer]) -> NDArray[np
     Returns
     -------
     ndarray of shape (F, 3), int64
+        The triangles' vertices, in the order of the polygons.
 
     Raises
     ------
