@@ -29,6 +29,7 @@ _ASSUMED_EXTENT = 30.0
 _MOST_DUST = 5_000
 _MOSTLY_FACE, _FEW_FACES = 0.3, 0.12
 _LEAST_PARTITION, _LEAST_REST = 0.65, 0.1
+_LAYERS = {"lane": "symbol", "pattern": "stair", "thin": "other"}
 _REASONS = {
     "speck": "free-standing and smaller than 12 cm",
     "dust": "free-standing and smaller than 4 cm; `counts.dust` tells how many, an even selection is shown",
@@ -134,7 +135,7 @@ def _sort_out(
     sorting.put("lane", cleanup.from_dot_to_dot(strokes, parts, m))
     thick = thick_mask(ink, parts.without(_parts_of(sorting)), _line_width(strokes, m))
     bars, columns, blots = filled_walls(ink, thick, least_pier=2.0 * _line_width(strokes, m, share=0.5))
-    sorting.removed += [RemovedStroke((line,), "blot", _REASONS["blot"]) for line in blots]
+    sorting.removed += [RemovedStroke((line,), "small", _REASONS["blot"]) for line in blots]
     tell("pairs", 0.7)
     in_thick = _mostly_in(strokes, thick)
     if is_filled(sorting.strokes, bars, sorting.candidates & ~in_thick, ink):
@@ -182,7 +183,7 @@ def _line_walls(sorting: _Sorting, thick: NDArray[np.bool_]) -> tuple[list[Wall]
             if singles[i] and own_pen[i] and length >= _LEAST_PARTITION:
                 alone.append(Wall.of(line, thickness=float(strokes.width[i] * m), kind="partition"))
             elif length >= _LEAST_REST:
-                sorting.removed.append(RemovedStroke((line,), "loose", _REASONS["loose"]))
+                sorting.removed.append(RemovedStroke((line,), "other", _REASONS["loose"]))
     prevails = sum(w.length for w in outlined) > sum(w.length for w in alone)
     return outlined + alone, "outlined" if prevails else "single-line"
 
@@ -221,7 +222,7 @@ def _removed(ink: Ink, strokes: Strokes, layer: NDArray[np.str_]) -> list[Remove
     for group in np.split(order, np.flatnonzero(change) + 1):
         name = str(layer[group[0]])
         lines = tuple(ink.to_drawing(strokes.ends[i]) for i in group)
-        out.append(RemovedStroke(lines, name, _REASONS[name]))
+        out.append(RemovedStroke(lines, _LAYERS.get(name, name), _REASONS[name]))
     return out
 
 
