@@ -84,7 +84,7 @@ class Level:
         matrix = np.column_stack([corner[1] - corner[0], corner[2] - corner[0], corner[0]])
         matrix[:, 2] += matrix[:, :2].sum(axis=1) / 2 - 0.5
         border = cv2.BORDER_REPLICATE if outside is None else cv2.BORDER_CONSTANT
-        flags = cv2.INTER_LINEAR | cv2.WARP_INVERSE_MAP
+        flags = cv2.INTER_CUBIC | cv2.WARP_INVERSE_MAP
         value = (float(outside or 0),)
         return np.asarray(
             cv2.warpAffine(image, matrix, size[::-1], flags=flags, borderMode=border, borderValue=value),
