@@ -23,6 +23,7 @@ _CAP, _LONG = 0.7, 0.7
 _WHOLE_PEN = 0.6
 _LEAST_LINES = 8
 _SHARE_OF_BEST, _PAIRS_OF_BEST = 0.5, 0.15
+_HEAVY = 0.8
 _STRIP_RATIO = 2.0
 _MOST_GROUPS = 200
 _MOST_LINES = 200_000
@@ -36,6 +37,7 @@ class _Pen:
     kept: NDArray[np.bool_]
     paired: float
     share: float
+    width: float
 
 
 def guess_walls(
@@ -120,11 +122,12 @@ def _pens(
     for n, group in enumerate(groups):
         tell(n / len(groups))
         if len(group) <= _MOST_LINES:
-            out.append(_pen(linework.ends[group] * metres, group))
+            weight = float(linework.width[linework.entity[group[0]]])
+            out.append(_pen(linework.ends[group] * metres, group, weight))
     return out
 
 
-def _pen(ends: NDArray[np.float64], group: NDArray[np.int64]) -> _Pen:
+def _pen(ends: NDArray[np.float64], group: NDArray[np.int64], width: float) -> _Pen:
     lines = Lines.of(ends)
     found = [
         s
@@ -143,7 +146,7 @@ def _pen(ends: NDArray[np.float64], group: NDArray[np.int64]) -> _Pen:
         kept[[n for n in range(len(kept)) if n not in rows]] = True
     else:
         kept = _joined(ends, lines, kept, rows)
-    return _Pen(group, kept, paired, share)
+    return _Pen(group, kept, paired, share, width)
 
 
 def _rows(found: list[Stretch]) -> set[int]:
@@ -177,20 +180,22 @@ def _joined(
         if not out.any():
             return out
         tree = cKDTree(ends[out].reshape(-1, 2))
-        near = tree.query(ends.reshape(-1, 2))[0].reshape(-1, 2) <= _REACH
+        near = np.asarray(tree.query(ends.reshape(-1, 2))[0]).reshape(-1, 2) <= _REACH
         short = (lines.length <= _CAP) & near.any(axis=1)
         out |= ~barred & (short | ((lines.length >= _LONG) & near.all(axis=1)))
     return out
 
 
 def _chosen(pens: list[_Pen]) -> list[_Pen]:
-    """Return the pens that draw walls."""
+    """Return the pens that draw walls: those with the best pairs, and of these the heaviest."""
     fair = [p for p in pens if p.paired > 0]
     if not fair:
         return []
     best = max(fair, key=lambda p: p.paired * p.share)
-    return [
+    near = [
         p
         for p in fair
         if p is best or (p.share >= _SHARE_OF_BEST * best.share and p.paired >= _PAIRS_OF_BEST * best.paired)
     ]
+    heaviest = max((p.width for p in near if not np.isnan(p.width)), default=0.0)
+    return [p for p in near if not p.width < _HEAVY * heaviest]
