@@ -69,7 +69,7 @@ def _finding(code: str, message: str, count: int) -> Finding:
 
 
 def _finite(part: Part) -> tuple[Part, int]:
-    good = (np.abs(part.ends) < _ABSURD).all(axis=(1, 2))
+    good = np.asarray((np.abs(part.ends) < _ABSURD).all(axis=(1, 2)), dtype=np.bool_)
     if len(good) and not good.any():
         raise NotFinite("No stroke of the drawing has coordinates that are numbers: repair it (AUDIT).")
     arcs = part.arcs[(np.abs(part.arcs) < _ABSURD).all(axis=1)]

@@ -249,7 +249,7 @@ def _weigh(page: DictionaryObject, most: int) -> int:
     return weigher.content(bytes(whole), _dictionary(page.get("/Resources")), 0)
 
 
-def unpacked(stream: StreamObject, *, most: int) -> bytes:
+def unpacked(stream: object, *, most: int) -> bytes:
     """Return a stream's content, of which at most `most` bytes and one more are unpacked.
 
     Parameters

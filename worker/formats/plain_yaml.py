@@ -61,7 +61,7 @@ def _look_through(text: bytes, name: str, bounds: Bounds) -> None:
     nodes = depth = 0
     for event in yaml.parse(text, Loader=yaml.CSafeLoader):
         if isinstance(event, yaml.AliasEvent) or getattr(event, "anchor", None) is not None:
-            line = event.start_mark.line + 1
+            line = _line(event)
             raise FileMalformed(
                 f"{name} has an anchor or alias in line {line}; such files are not read, for they can unfold "
                 "to more than any memory. Write the value out."
@@ -71,7 +71,7 @@ def _look_through(text: bytes, name: str, bounds: Bounds) -> None:
         elif isinstance(event, yaml.CollectionEndEvent):
             depth -= 1
         elif isinstance(event, yaml.ScalarEvent) and len(event.value) > _LONGEST_SCALAR:
-            line = event.start_mark.line + 1
+            line = _line(event)
             raise FileMalformed(f"{name} has a value of {len(event.value)} characters in line {line}.")
         nodes += isinstance(event, yaml.NodeEvent)
         if nodes > bounds.max_yaml_nodes or depth > _DEEPEST:
@@ -83,3 +83,8 @@ def _look_through(text: bytes, name: str, bounds: Bounds) -> None:
 
 def _first_line(error: Exception) -> str:
     return " ".join(str(error).split())[:200]
+
+
+def _line(event: yaml.Event) -> int:
+    """Return the line in which an event begins, counted from 1."""
+    return 1 if event.start_mark is None else event.start_mark.line + 1

@@ -62,7 +62,8 @@ def entity_lengths(linework: Linework) -> NDArray[np.float64]:
     """Return the length of each of the E entities [drawing units]."""
     step = linework.ends[:, 1] - linework.ends[:, 0]
     length = np.hypot(step[:, 0], step[:, 1])
-    return np.bincount(linework.entity, weights=length, minlength=len(linework.kind))
+    lengths = np.bincount(linework.entity, weights=length, minlength=len(linework.kind))
+    return np.asarray(lengths, dtype=np.float64)
 
 
 def assign_roles(linework: Linework, *, wall_layers: Sequence[str] | None) -> Roles:
