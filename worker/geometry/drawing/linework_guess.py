@@ -78,8 +78,8 @@ def _eligible(linework: Linework, roles: Roles) -> NDArray[np.bool_]:
     named = roles.entity == "wall"
     free = straight & (untold | named)
     if free.sum() >= _LEAST_LINES:
-        return free
-    return straight & np.isin(roles.entity, ["other", "wall", "column"])
+        return np.asarray(free, dtype=np.bool_)
+    return np.asarray(straight & np.isin(roles.entity, ["other", "wall", "column"]), dtype=np.bool_)
 
 
 def _strips(linework: Linework, roles: Roles, metres: float) -> NDArray[np.bool_]:
