@@ -76,7 +76,7 @@ def measure_parts(mask: NDArray[np.bool_], metres_per_px: float) -> Parts:
         long[part], short[part] = (np.array(sorted(sides, reverse=True)) + 1) * metres_per_px
         hollow[part] = _encloses(one, _HOLLOW / metres_per_px**2)
     long[0] = short[0] = extent[0] = 0.0
-    area = stats[:, cv2.CC_STAT_AREA] * metres_per_px**2
+    area = np.asarray(stats[:, cv2.CC_STAT_AREA] * metres_per_px**2, dtype=np.float64)
     area[0] = 0.0
     return Parts(np.asarray(labels, dtype=np.int32), extent, long, short, area, box, middle, axis, hollow)
 
@@ -86,6 +86,4 @@ def _encloses(one: NDArray[np.uint8], least: float) -> bool:
     if one.size < least:
         return False
     holes, tree = cv2.findContours(one, cv2.RETR_CCOMP, cv2.CHAIN_APPROX_SIMPLE)
-    if tree is None:
-        return False
     return any(tree[0, k, 3] >= 0 and cv2.contourArea(hole) >= least for k, hole in enumerate(holes))
