@@ -96,23 +96,19 @@ def _links(
     """Return for each dash those that go on where it ends."""
     linked: list[list[int]] = [[] for _ in size]
     pairs = cKDTree(tips.at).query_pairs(_GAP, output_type="ndarray")
-    pairs = pairs[tips.dash[pairs[:, 0]] != tips.dash[pairs[:, 1]]]
-    for a, b in pairs.tolist():
-        i, j = int(tips.dash[a]), int(tips.dash[b])
-        lead = a if size[i] >= size[j] else b
-        gap = tips.at[b] - tips.at[a] if lead == a else tips.at[a] - tips.at[b]
-        toward = tips.heading[lead]
-        ahead, aside = float(gap @ toward), abs(float(gap[0] * toward[1] - gap[1] * toward[0]))
-        alike = max(width[i], width[j]) <= _SAME_WIDTH * min(width[i], width[j]) + metres_per_px
-        short = ahead <= max(_GAP_OF_DASH * max(size[i], size[j]), 2 * metres_per_px)
-        if (
-            alike
-            and short
-            and -metres_per_px <= ahead
-            and aside <= max(0.05, 2 * metres_per_px) + 0.15 * ahead
-        ):
-            linked[i].append(j)
-            linked[j].append(i)
+    a, b = pairs[tips.dash[pairs[:, 0]] != tips.dash[pairs[:, 1]]].T
+    i, j = tips.dash[a], tips.dash[b]
+    first = size[i] >= size[j]
+    lead, other = np.where(first, a, b), np.where(first, b, a)
+    gap, toward = tips.at[other] - tips.at[lead], tips.heading[lead]
+    ahead = (gap * toward).sum(axis=1)
+    aside = np.abs(gap[:, 0] * toward[:, 1] - gap[:, 1] * toward[:, 0])
+    good = np.maximum(width[i], width[j]) <= _SAME_WIDTH * np.minimum(width[i], width[j]) + metres_per_px
+    good &= ahead <= np.maximum(_GAP_OF_DASH * np.maximum(size[i], size[j]), 2 * metres_per_px)
+    good &= (-metres_per_px <= ahead) & (aside <= max(0.05, 2 * metres_per_px) + 0.15 * ahead)
+    for one, two in zip(i[good].tolist(), j[good].tolist(), strict=True):
+        linked[one].append(two)
+        linked[two].append(one)
     return linked
 
 

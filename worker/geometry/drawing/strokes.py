@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import cv2
 import numba
@@ -43,12 +44,12 @@ class Strokes:
     def __len__(self) -> int:
         return len(self.ends)
 
-    @property
+    @cached_property
     def length(self) -> NDArray[np.float64]:
         """Return the (N,) lengths."""
         return np.asarray(np.hypot(*(self.ends[:, 1] - self.ends[:, 0]).T), dtype=np.float64)
 
-    @property
+    @cached_property
     def direction(self) -> NDArray[np.float64]:
         """Return the (N, 2) unit directions."""
         return np.asarray(
