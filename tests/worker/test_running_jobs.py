@@ -126,8 +126,8 @@ def test_a_running_job_is_cancelled_within_a_beat(bench: Workbench, tmp_path: Pa
 def test_a_job_over_its_memory_is_stopped_and_says_so(sqlite_bench: Workbench, tmp_path: Path) -> None:
     bench = sqlite_bench
     path = tmp_path / "large.png"
-    Image.new("L", (12000, 12000), 255).save(path)
-    with bench.worker(job_memory_bytes=str(500 * 1024 * 1024)):
+    Image.new("L", (14000, 14000), 255).save(path)
+    with bench.worker(job_memory_bytes=str(700 * 1024 * 1024)):
         job = bench.wait_final(bench.add_drawing(path))
         assert (job.state, job.attempt) == (JobState.FAILED, 1)
         assert job.problem is not None
