@@ -9,8 +9,8 @@ import numpy as np
 
 from service.domain.lifecycle import JobKind
 from worker.context import JobContext
-from worker.geometry.drawing.read import read_raster
-from worker.geometry.drawing.scale import given
+from worker.geometry.drawing.raster.read import read_raster
+from worker.geometry.drawing.scale.decision import given
 from worker.handlers.build_revision import build_revision
 from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing

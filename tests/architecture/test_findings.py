@@ -15,7 +15,7 @@ MAKERS = {"Finding", "_finding"}
 def codes_in_code() -> set[str]:
     """Return the literal codes of all findings that readers of drawings make."""
     found = set()
-    for path in (path for place in PLACES for path in place.glob("*.py")):
+    for path in (path for place in PLACES for path in place.rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             is_finding = isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS
             if is_finding and node.args and isinstance(node.args[0], ast.Constant):
@@ -33,5 +33,5 @@ def test_every_finding_is_documented() -> None:
 
 
 def test_every_documented_finding_is_made_somewhere() -> None:
-    text = "".join(path.read_text(encoding="utf-8") for place in PLACES for path in place.glob("*.py"))
+    text = "".join(path.read_text(encoding="utf-8") for place in PLACES for path in place.rglob("*.py"))
     assert {code for code in codes_in_documents() if f'"{code}"' not in text} == set()

@@ -16,10 +16,10 @@ import pytest
 
 from service.domain.bounds import Bounds
 from worker.formats.raster import load_sheet
-from worker.geometry.drawing.ink import drop_dust, find_ink
-from worker.geometry.drawing.read import read_raster
-from worker.geometry.drawing.scale import given
-from worker.geometry.drawing.strokes import find_strokes
+from worker.geometry.drawing.raster.ink import drop_dust, find_ink
+from worker.geometry.drawing.raster.read import read_raster
+from worker.geometry.drawing.raster.strokes import find_strokes
+from worker.geometry.drawing.scale.decision import given
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1200)]
 

@@ -22,7 +22,7 @@ from worker.formats.raster import load_raster
 from worker.geometry.cloud.extrude import extrude, footprint, planes, wall_columns
 from worker.geometry.cloud.merge import compound
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 from worker.geometry.registration.ndt import register_ndt
 from worker.geometry.registration.ndt_map import NdtMap, build_ndt_map
 

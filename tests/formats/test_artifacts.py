@@ -18,7 +18,7 @@ from worker.formats.pcd import read_pcd
 from worker.formats.reading import load_walls
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 NAMES = [
     "occupancy-grid.pgm",

@@ -24,8 +24,8 @@ from tests.formats.cad_plans import draw_plan, face_lines, new_drawing, saved
 from worker.formats.drawing import read_drawing_file
 from worker.formats.dwg import load_dwg
 from worker.formats.dxf import load_dxf
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.reading import Reading
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.reading.reading import Reading
 
 UNITS = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 CODES = {"in": 1, "ft": 2, "mm": 4, "cm": 5, "m": 6}

@@ -25,7 +25,7 @@ from service.domain.scale import ScaleHint
 from tests.formats.ifc_models import ModelWriter, Solid, bar, house_solids, small_house
 from worker.formats.drawing import read_drawing_file
 from worker.formats.ifc import load_ifc
-from worker.geometry.drawing.reading import Reading
+from worker.geometry.drawing.reading.reading import Reading
 
 
 class Cancelled(Exception):

@@ -21,8 +21,8 @@ from service.domain.errors import (
 )
 from tests.formats.pdf_writer import one_page, pdf_bytes, stream
 from worker.formats.pdf import load_pdf
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.raster.sheet import Sheet
 
 PT = 25.4 / 72
 LINE = b"10 20 m 110 20 l S"

@@ -10,8 +10,8 @@ import pytest
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from worker.formats.reading import load_walls, load_walls_and_columns, write_reading, write_walls
-from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
-from worker.geometry.drawing.scale import Scale, given
+from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
+from worker.geometry.drawing.scale.decision import Scale, given
 
 WALL = Wall.of(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]), thickness=0.2)
 PIER = Column(np.array([[1.0, 1.0], [1.4, 1.0], [1.4, 1.4], [1.0, 1.4]]))

@@ -31,7 +31,7 @@ from worker.formats.grey_map import load_pgm
 from worker.formats.occupancy import write_occupancy
 from worker.formats.ros_map import load_ros_map
 from worker.geometry.cloud.occupancy_grid import occupancy_grid
-from worker.geometry.drawing.reading import Wall
+from worker.geometry.drawing.reading.reading import Wall
 
 HEADER = "image: map.pgm\nresolution: 0.05\norigin: [-1.0, -2.0, 0.0]\nnegate: 0\n"
 THRESHOLDS = "occupied_thresh: 0.65\nfree_thresh: 0.196\n"

@@ -13,8 +13,9 @@ from service.domain.scale import ScaleHint
 from tests.drawn_sheets import DrawnSheet
 from worker.formats.ocr import load_recogniser
 from worker.formats.raster import load_raster
-from worker.geometry.drawing.sheet import Sheet
-from worker.geometry.drawing.sheet_scale import Recognise, SheetScale, find_sheet_scale
+from worker.geometry.drawing.raster.scale import Recognise, find_sheet_scale
+from worker.geometry.drawing.raster.sheet import Sheet
+from worker.geometry.drawing.scale.sheet_scale import SheetScale
 
 pytest.importorskip("onnxruntime", reason="text recognition is the extra ocr")
 pytest.importorskip("rapidocr", reason="text recognition is the extra ocr")

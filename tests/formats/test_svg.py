@@ -9,7 +9,7 @@ import pytest
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError, DrawingTooComplex, FileEmpty, FileMalformed, FileTruncated
 from worker.formats.svg import load_svg
-from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.linework.linework import Linework
 
 PLAIN = 'xmlns="http://www.w3.org/2000/svg" xmlns:xlink="http://www.w3.org/1999/xlink"'
 SHEET = 'width="200mm" height="100mm" viewBox="0 0 2000 1000"'

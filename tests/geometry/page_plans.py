@@ -12,8 +12,8 @@ import shapely
 from numpy.typing import NDArray
 
 from worker.formats.linework_draft import LineworkDraft, Pen
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.reading import Reading
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.reading.reading import Reading
 from worker.geometry.drawing.text import Text
 
 PAGE = (0.0, 0.0, 420.0, 297.0)

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.drawing.reading import Wall
+from worker.geometry.drawing.reading.reading import Wall
 from worker.geometry.registration.target import PlacementTarget
 
 CORNERS = np.array([[0, 0], [6.2, 0], [6.2, 2.4], [4.7, 2.4], [4.7, 4.6], [0, 4.6]], dtype=np.float64)

@@ -17,11 +17,11 @@ from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import NotADrawing, NoWallsFound
 from service.domain.scale import ScaleHint
 from worker.formats.drawing import read_drawing_file
-from worker.geometry.drawing.confidence import LEAST, judge, marks_of
-from worker.geometry.drawing.plans import several_plans
-from worker.geometry.drawing.reading import Reading, RemovedStroke, Wall
-from worker.geometry.drawing.scale import Scale, given
-from worker.geometry.drawing.sheet_kind import check_sheet, robot_map_finding, tones_of
+from worker.geometry.drawing.raster.sheet_kind import check_sheet, robot_map_finding, tones_of
+from worker.geometry.drawing.reading.confidence import LEAST, judge, marks_of
+from worker.geometry.drawing.reading.plans import several_plans
+from worker.geometry.drawing.reading.reading import Reading, RemovedStroke, Wall
+from worker.geometry.drawing.scale.decision import Scale, given
 
 PHOTOS = ("astronaut", "camera", "chelsea", "coffee", "coins", "brick", "grass", "gravel")
 

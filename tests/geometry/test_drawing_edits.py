@@ -12,11 +12,11 @@ import shapely
 from numpy.typing import NDArray
 
 from service.domain.edits import edits_of
-from worker.geometry.drawing.edits import apply_edits
-from worker.geometry.drawing.file_frame import FileFrame, stroke_ids
-from worker.geometry.drawing.moved_lines import walls_of_lines
-from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Wall
-from worker.geometry.drawing.scale import Scale, given
+from worker.geometry.drawing.reading.edits import apply_edits
+from worker.geometry.drawing.reading.file_frame import FileFrame, stroke_ids
+from worker.geometry.drawing.reading.moved_lines import walls_of_lines
+from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
+from worker.geometry.drawing.scale.decision import Scale, given
 
 
 def line(*points: tuple[float, float]) -> NDArray[np.float64]:

@@ -5,9 +5,9 @@ import pytest
 import shapely
 
 from tests.geometry.generated_plans import SCALE, Plan, draw_plan
-from worker.geometry.drawing.read import read_raster
-from worker.geometry.drawing.reading import Reading
-from worker.geometry.drawing.scale import given
+from worker.geometry.drawing.raster.read import read_raster
+from worker.geometry.drawing.reading.reading import Reading
+from worker.geometry.drawing.scale.decision import given
 
 STYLES = ["filled", "outlined", "hatched", "single-line"]
 SEEDS = [1, 2, 3]

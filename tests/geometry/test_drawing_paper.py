@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from worker.geometry.drawing.ink import Ink, drop_dust, find_ink
-from worker.geometry.drawing.skew import Level, find_skew
-from worker.geometry.drawing.speckle import is_blurred, is_speckled, without_specks
-from worker.geometry.drawing.strokes import find_strokes
+from worker.geometry.drawing.raster.ink import Ink, drop_dust, find_ink
+from worker.geometry.drawing.raster.skew import Level, find_skew
+from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, without_specks
+from worker.geometry.drawing.raster.strokes import find_strokes
 
 M = 0.01
 WALLS = ((100, 100, 900, 100), (100, 100, 100, 600), (900, 100, 900, 600), (100, 600, 900, 600))

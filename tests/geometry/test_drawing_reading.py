@@ -8,9 +8,9 @@ import shapely
 from PIL import Image, ImageDraw, ImageFont
 
 from service.domain.errors import NoWallsFound
-from worker.geometry.drawing.read import read_raster
-from worker.geometry.drawing.reading import Reading, Wall, offset_polyline
-from worker.geometry.drawing.scale import Scale, given
+from worker.geometry.drawing.raster.read import read_raster
+from worker.geometry.drawing.reading.reading import Reading, Wall, offset_polyline
+from worker.geometry.drawing.scale.decision import Scale, given
 
 SCALE = 0.01
 HEIGHT_M = 10.0

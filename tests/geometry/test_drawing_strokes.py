@@ -10,9 +10,9 @@ import pytest
 from numpy.typing import NDArray
 from skimage.morphology import skeletonize
 
-from worker.geometry.drawing.ink import Ink
-from worker.geometry.drawing.strokes import Strokes, find_strokes
-from worker.geometry.drawing.thinning import branches, thin
+from worker.geometry.drawing.raster.ink import Ink
+from worker.geometry.drawing.raster.strokes import Strokes, find_strokes
+from worker.geometry.drawing.raster.thinning import branches, thin
 
 M = 0.01
 

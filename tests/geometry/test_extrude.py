@@ -14,7 +14,7 @@ from worker.geometry.cloud.extrude import levels
 from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_walls
 from worker.geometry.cloud.occupancy_grid import FREE, OCCUPIED, UNKNOWN, occupancy_grid
 from worker.geometry.cloud.point_cloud import Label, PointCloud
-from worker.geometry.drawing.reading import Wall
+from worker.geometry.drawing.reading.reading import Wall
 
 PAPER_SIZES = (0.025, 0.05, 0.1, 0.2, 0.3, 0.4, 0.5)
 

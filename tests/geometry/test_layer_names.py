@@ -2,7 +2,7 @@ from __future__ import annotations
 
 import pytest
 
-from worker.geometry.drawing.layer_names import role_of
+from worker.geometry.drawing.linework.layer_names import role_of
 
 
 @pytest.mark.parametrize(

@@ -8,10 +8,10 @@ import pytest
 
 from service.domain.scale import ScaleHint
 from worker.formats.linework_draft import LineworkDraft, Pen
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.page_scale import find_page_scale
-from worker.geometry.drawing.page_spans import StrokeIndex, page_spans
-from worker.geometry.drawing.scale import Witness
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.page.scale import find_page_scale
+from worker.geometry.drawing.page.spans import StrokeIndex, page_spans
+from worker.geometry.drawing.scale.decision import Witness
 from worker.geometry.drawing.text import Text
 
 A3 = (0.0, 0.0, 420.0, 297.0)

@@ -9,13 +9,13 @@ import pytest
 from service.domain.errors import NoWallsFound
 from tests.geometry.page_plans import CORNER, PAGE, a_page, a_plan, agreement
 from worker.formats.linework_draft import LineworkDraft, Pen
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.page_areas import entity_area
-from worker.geometry.drawing.page_sheet import draw_page
-from worker.geometry.drawing.page_strips import find_pen_strips, joined
-from worker.geometry.drawing.page_walls import read_page
-from worker.geometry.drawing.reading import Reading
-from worker.geometry.drawing.scale import Scale, given
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.page.areas import entity_area
+from worker.geometry.drawing.page.sheet import draw_page
+from worker.geometry.drawing.page.strips import find_pen_strips, joined
+from worker.geometry.drawing.page.walls import read_page
+from worker.geometry.drawing.reading.reading import Reading
+from worker.geometry.drawing.scale.decision import Scale, given
 
 
 @pytest.mark.parametrize("seed", [11, 12, 13])

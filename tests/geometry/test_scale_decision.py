@@ -9,7 +9,7 @@ from hypothesis import given as over
 from hypothesis import strategies as st
 
 from service.domain.scale import KnownLength, ScaleHint
-from worker.geometry.drawing.scale import USUAL_UNITS, Witness, contradictions, decide
+from worker.geometry.drawing.scale.decision import USUAL_UNITS, Witness, contradictions, decide
 
 UNITS = tuple(USUAL_UNITS.values())
 

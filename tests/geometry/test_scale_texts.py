@@ -7,11 +7,16 @@ import random
 
 import pytest
 
-from worker.geometry.drawing.dimension_lines import Span
-from worker.geometry.drawing.dimension_texts import Measure, parse_measure
-from worker.geometry.drawing.dimension_vote import Dimension, dimension_witnesses
-from worker.geometry.drawing.scale import decide
-from worker.geometry.drawing.title_block import not_to_scale, stated_scales, stated_unit, title_witnesses
+from worker.geometry.drawing.scale.decision import decide
+from worker.geometry.drawing.scale.dimension_lines import Span
+from worker.geometry.drawing.scale.dimension_texts import Measure, parse_measure
+from worker.geometry.drawing.scale.dimension_vote import Dimension, dimension_witnesses
+from worker.geometry.drawing.scale.title_block import (
+    not_to_scale,
+    stated_scales,
+    stated_unit,
+    title_witnesses,
+)
 
 
 @pytest.mark.parametrize(

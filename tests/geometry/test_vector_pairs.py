@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from service.domain.errors import DrawingTooComplex
-from worker.geometry.drawing.vector_pairs import pair_lines
+from worker.geometry.drawing.linework.pairs import pair_lines
 
 
 def turned(ends: list[list[list[float]]], angle: float) -> np.ndarray:

@@ -19,7 +19,7 @@ from service.domain.recipe import MapFromDrawing, Recipe
 from service.domain.scale import KnownLength, ScaleHint
 
 if TYPE_CHECKING:
-    from worker.geometry.drawing.reading import Reading
+    from worker.geometry.drawing.reading.reading import Reading
 
 _KINDS = "PNG, JPEG, TIFF, BMP, WebP, PDF, DXF, DWG, SVG, IFC, ROS map.yaml or Open-RMF building.yaml"
 _MOST_EDITS_BYTES = 16 << 20

@@ -19,7 +19,7 @@ from worker.formats.reading import write_json, write_walls
 from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_columns, place_walls
 from worker.geometry.cloud.occupancy_grid import occupancy_grid
 from worker.geometry.cloud.point_cloud import Label, PointCloud
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 Progress = Callable[[str, float], None]
 

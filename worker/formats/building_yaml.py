@@ -24,11 +24,18 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from service.domain.scale import ScaleHint
 from worker.formats.plain_yaml import parse_plain_yaml
-from worker.geometry.drawing.chains import chain_lines
-from worker.geometry.drawing.geodesy import local_metres
-from worker.geometry.drawing.model_plan import Piece, Plan, plan_reading
-from worker.geometry.drawing.reading import Reading, Wall
-from worker.geometry.drawing.scale import AGREEMENT, USUAL_UNITS, Scale, Witness, contradictions, decide
+from worker.geometry.drawing.model.chains import chain_lines
+from worker.geometry.drawing.model.geodesy import local_metres
+from worker.geometry.drawing.model.plan import Piece, Plan, plan_reading
+from worker.geometry.drawing.reading.reading import Reading, Wall
+from worker.geometry.drawing.scale.decision import (
+    AGREEMENT,
+    USUAL_UNITS,
+    Scale,
+    Witness,
+    contradictions,
+    decide,
+)
 
 WALL_THICKNESS = 0.1
 """Open-RMF's own tools build walls of this thickness [m] around the annotated line; the file states none."""

@@ -19,7 +19,7 @@ from service.domain.errors import (
 )
 from worker.formats import dwg_convert
 from worker.formats.dxf import load_dxf
-from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.linework.linework import Linework
 
 Tell = Callable[[str, float], None]
 

@@ -32,8 +32,8 @@ from worker.formats.dxf_entities import IGNORED, add_entity, dimension_of, style
 from worker.formats.dxf_linework import linework_of
 from worker.formats.dxf_parts import Part, PartBuilder, Style, repeated
 from worker.formats.dxf_sheets import sheet_part, title_witness
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.scale import Witness
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.scale.decision import Witness
 
 Tell = Callable[[str, float], None]
 

@@ -13,7 +13,7 @@ from ezdxf.entities.polygon import DXFPolygon
 from ezdxf.math import OCS, Vec3, bulge_to_arc
 
 from worker.formats.dxf_parts import BY_BLOCK, BY_LAYER, INHERIT_LAYER, Drawn, PartBuilder, Point, Style
-from worker.geometry.drawing.linework import Dimension
+from worker.geometry.drawing.linework.linework import Dimension
 from worker.geometry.drawing.text import Text
 
 IGNORED = frozenset({"VIEWPORT", "ATTDEF", "SEQEND", "POINT", "WIPEOUT", "LIGHT", "SUN", "VERTEX"})

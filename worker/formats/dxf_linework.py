@@ -15,8 +15,8 @@ from service.domain.errors import DrawingTooComplex, NotFinite
 from service.domain.findings import Finding
 from worker.formats.dxf_entities import colour_of_index, has_gaps, width_of_weight
 from worker.formats.dxf_parts import Drawn, Part, Style
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.scale import Witness
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.scale.decision import Witness
 
 _ABSURD = 1e12
 _FAR = 40.0

@@ -12,7 +12,7 @@ import numpy as np
 from ezdxf.math import Matrix44
 from numpy.typing import NDArray
 
-from worker.geometry.drawing.linework import Dimension
+from worker.geometry.drawing.linework.linework import Dimension
 from worker.geometry.drawing.text import Text
 
 INHERIT_LAYER = ""

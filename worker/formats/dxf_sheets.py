@@ -11,8 +11,8 @@ from ezdxf.entities.viewport import Viewport
 from ezdxf.math import Matrix44
 
 from worker.formats.dxf_parts import Drawn, Part, PartBuilder, Style, joined
-from worker.geometry.drawing.scale import Witness
-from worker.geometry.drawing.title_block import stated_scales
+from worker.geometry.drawing.scale.decision import Witness
+from worker.geometry.drawing.scale.title_block import stated_scales
 
 Read = Callable[[Iterable[DXFGraphic]], Part]
 

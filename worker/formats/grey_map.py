@@ -12,7 +12,7 @@ from PIL import Image, UnidentifiedImageError
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, FileTruncated, ImageTooLarge, UnsupportedMedia
 from service.domain.findings import Finding
-from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.raster.sheet import Sheet
 
 _FORMATS = ("PNG", "PPM", "BMP")
 _UNKNOWN, _FREE = (205, 206), (254, 255)

@@ -22,11 +22,11 @@ from service.domain.errors import (
 from service.domain.findings import Finding, Severity
 from service.domain.scale import ScaleHint
 from worker.formats.ifc_process import ask_kernel
-from worker.geometry.drawing.model_plan import Piece, Plan, plan_reading
-from worker.geometry.drawing.outlines import Solids, read_outlines
-from worker.geometry.drawing.reading import Column, Reading, Wall
-from worker.geometry.drawing.scale import USUAL_UNITS, Scale, Witness, contradictions, decide
-from worker.geometry.drawing.sections import area_of
+from worker.geometry.drawing.model.plan import Piece, Plan, plan_reading
+from worker.geometry.drawing.model.sections import area_of
+from worker.geometry.drawing.outline.walls import Solids, read_outlines
+from worker.geometry.drawing.reading.reading import Column, Reading, Wall
+from worker.geometry.drawing.scale.decision import USUAL_UNITS, Scale, Witness, contradictions, decide
 
 CUT_HEIGHT = 1.2
 """Where a storey is cut unless it is said [m above its floor]."""

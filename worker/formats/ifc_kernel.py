@@ -21,7 +21,7 @@ from typing import Any
 import numpy as np
 
 from worker.formats.ifc_classes import Element, Storey, elements_of, length_unit, storeys_of
-from worker.geometry.drawing.mesh_cut import cut_mesh
+from worker.geometry.drawing.model.mesh_cut import cut_mesh
 
 LOW, HIGH = 0.1, 2.0
 """Furniture and the like are shown where they reach into this range above the floor [m]."""

@@ -13,8 +13,8 @@ from numpy.typing import NDArray
 
 from service.domain.errors import DrawingTooComplex
 from service.domain.findings import Finding
-from worker.geometry.drawing.curves import Arc, Point, arc_of
-from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.linework.curves import Arc, Point, arc_of
+from worker.geometry.drawing.linework.linework import Linework
 
 Box = tuple[float, float, float, float]
 """Left, bottom, right, top."""

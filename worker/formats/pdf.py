@@ -28,9 +28,9 @@ from worker.formats.pdf_dictionary import PageFacts, read_page_facts
 from worker.formats.pdf_objects import Affine, PageObjects, PageWalk, compose
 from worker.formats.pdf_render import render_sheet
 from worker.formats.pdf_texts import page_texts
-from worker.geometry.drawing.linework import Linework
-from worker.geometry.drawing.scale import Witness
-from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.raster.sheet import Sheet
+from worker.geometry.drawing.scale.decision import Witness
 
 _MM_PER_POINT = 25.4 / 72
 _TAIL = 4096

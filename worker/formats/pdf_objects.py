@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 
 from service.domain.errors import DrawingTooComplex
 from worker.formats.linework_draft import Box, LineworkDraft, Pen
-from worker.geometry.drawing.curves import Arc, Point, arc_of, flatten_cubic
+from worker.geometry.drawing.linework.curves import Arc, Point, arc_of, flatten_cubic
 
 Affine = tuple[float, float, float, float, float, float]
 """a, b, c, d, e, f: (x, y) goes to (a x + c y + e, b x + d y + f), as in PDF."""

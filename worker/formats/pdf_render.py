@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from service.domain.bounds import Bounds
 from service.domain.errors import DrawingTooComplex, FileMalformed
 from service.domain.findings import Finding
-from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.raster.sheet import Sheet
 
 _LEAST_DPI, _MOST_DPI = 36.0, 1200.0
 _STRIP_ROWS = 512

@@ -25,7 +25,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.darkest import darkest_channel
 from worker.formats.tiff_pages import TiffPage, list_tiff_pages
-from worker.geometry.drawing.sheet import Sheet
+from worker.geometry.drawing.raster.sheet import Sheet
 
 _FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 _TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")

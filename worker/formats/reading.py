@@ -15,8 +15,8 @@ from numpy.typing import NDArray
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from worker.formats import preview
-from worker.geometry.drawing.file_frame import StrokeIds, outline, stroke_ids
-from worker.geometry.drawing.reading import Column, Reading, RemovedStroke, Unit, Wall
+from worker.geometry.drawing.reading.file_frame import StrokeIds, outline, stroke_ids
+from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Unit, Wall
 
 _DECIMALS = 4
 _FARTHEST = 1e7

@@ -27,9 +27,9 @@ from service.domain.findings import Finding
 from service.domain.scale import ScaleHint
 from worker.formats.grey_map import decode_shades
 from worker.formats.plain_yaml import parse_plain_yaml
-from worker.geometry.drawing.occupied import read_occupied
-from worker.geometry.drawing.reading import Reading, RemovedStroke
-from worker.geometry.drawing.scale import Scale, Witness, contradictions, decide
+from worker.geometry.drawing.model.occupied import read_occupied
+from worker.geometry.drawing.reading.reading import Reading, RemovedStroke
+from worker.geometry.drawing.scale.decision import Scale, Witness, contradictions, decide
 
 _YAML = (".yaml", ".yml")
 _MODES = ("trinary", "scale", "raw")

@@ -19,8 +19,8 @@ from service.domain.findings import Finding
 from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.formats.svg_check import SvgFacts, check_svg
 from worker.formats.text_runs import TextRun, join_runs
-from worker.geometry.drawing.curves import Point, flatten_cubic
-from worker.geometry.drawing.linework import Linework
+from worker.geometry.drawing.linework.curves import Point, flatten_cubic
+from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.text import Text
 
 _LABEL = "{http://www.inkscape.org/namespaces/inkscape}label"

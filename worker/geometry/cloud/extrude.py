@@ -13,7 +13,7 @@ from scipy import ndimage
 from service.domain.errors import TooManyPoints
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.cloud.voxel_grid import inside_voxels, voxel_grid_filter, voxel_index
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 _JITTER = 0.01
 _SAMPLES_A_VOXEL = 8

@@ -13,7 +13,7 @@ from service.domain.transform import Transform
 from worker.geometry.cloud.extrude import check_size, extrude, planes, wall_columns
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.cloud.voxel_grid import filter_cloud
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 
 @dataclass(frozen=True, eq=False)

@@ -12,7 +12,7 @@ from service.domain.errors import TooManyPoints
 from worker.geometry.cloud.extrude import footprint, sample_polyline
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.voxel_grid import voxel_index
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 OCCUPIED, UNKNOWN, FREE = 0, 205, 254
 _BORDER_CELLS = 10

@@ -10,7 +10,7 @@ import numpy as np
 from numba import njit
 from numpy.typing import NDArray
 
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 from worker.geometry.registration.visibility import Solids
 
 ALONG_STEP = 0.05

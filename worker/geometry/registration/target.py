@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from service.domain.errors import FileEmpty
 from service.domain.evidence import MapKind
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 from worker.geometry.registration.cloud_outline import CloudOutline
 from worker.geometry.registration.faces import Faces
 from worker.geometry.registration.search import Outline

@@ -10,7 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
-from worker.geometry.drawing.reading import Column, Wall
+from worker.geometry.drawing.reading.reading import Column, Wall
 
 _PROBES = (0.02, 0.06, 0.1, 0.15, 0.2, 0.25, 0.3)
 

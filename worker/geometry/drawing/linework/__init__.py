@@ -1,0 +1,1 @@
+"""CAD linework to walls: layers, roles, pairs of lines, units."""

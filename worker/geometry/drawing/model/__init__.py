@@ -1,0 +1,1 @@
+"""Models that know their walls (IFC, Open-RMF, ROS maps) to plans."""

@@ -1,0 +1,1 @@
+"""Walls from closed outlines: a filled area to centre lines and faces."""

@@ -1,0 +1,1 @@
+"""Vector pages (PDF, SVG) to walls and their scale."""

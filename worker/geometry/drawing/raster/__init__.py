@@ -1,0 +1,1 @@
+"""Sheets of pixels to walls: paper, ink, strokes, faces (paper, section 2.2)."""

@@ -1,0 +1,1 @@
+"""Scale as a hypothesis with evidence: who says what, and what is believed (findings on drawings)."""
