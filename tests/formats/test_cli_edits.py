@@ -34,6 +34,29 @@ def read(sheet: Path, folder: Path, *more: str) -> dict[str, Any]:
     return summary
 
 
+def test_a_sheet_without_a_wall_is_repaired_by_edits(tmp_path: Path) -> None:
+    """A lone line of 40 cm is no wall, until a person draws the room around it."""
+    image = Image.new("L", (800, 600), 255)
+    ImageDraw.Draw(image).line([(300, 300), (340, 300)], fill=0, width=2)
+    image.save(tmp_path / "sheet.png")
+    summary = read(tmp_path / "sheet.png", tmp_path / "first", "--metres-per-unit=0.01")
+    assert (summary["confidence"], features(tmp_path / "first", "walls.geojson")) == (0.0, [])
+    assert "no-walls" in [f["code"] for f in summary["findings"]]
+    room = [
+        [[100, 100], [700, 100]],
+        [[700, 100], [700, 500]],
+        [[700, 500], [100, 500]],
+        [[100, 500], [100, 100]],
+    ]
+    edits = [{"action": "add-wall", "line": line, "thickness_m": 0.2} for line in room]
+    (tmp_path / "edits.json").write_text(json.dumps(edits))
+    chosen = ["--metres-per-unit=0.01", f"--edits={tmp_path / 'edits.json'}"]
+    summary = read(tmp_path / "sheet.png", tmp_path / "second", *chosen)
+    assert len(features(tmp_path / "second", "walls.geojson")) == 4
+    assert "no-walls" not in [f["code"] for f in summary["findings"]]
+    assert main(["build", str(tmp_path / "sheet.png"), *chosen, "-o", str(tmp_path / "map")]) == 0
+
+
 def test_edits_from_a_file_are_applied(sheet: Path, tmp_path: Path) -> None:
     first = read(sheet, tmp_path / "first", "--metres-per-unit=0.01")
     corrections = [

@@ -73,7 +73,10 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         If float32 cannot tell the voxels apart so far from the origin.
     """
     if not walls:
-        raise NoWallsFound("There is no wall to build a map from; look at the drawing's reading.")
+        raise NoWallsFound(
+            "There is no wall to build a map from: look at the findings of the drawing's reading, and "
+            "correct it by edits (PATCH the drawing, or --edits FILE)."
+        )
     tell = progress or (lambda _stage, _share: None)
     T_map_drawing = map_transform(recipe)
     walls, columns = place_walls(walls, T_map_drawing), place_columns(columns, T_map_drawing)

@@ -74,7 +74,8 @@ def read_drawing_file(
     Rejected
         If the file cannot be read; the leaf tells why.
     NoWallsFound
-        If nothing in it looks like a wall.
+        If nothing is drawn in it. Where something is, but nothing looks like a wall, the reading has no
+        walls, and the finding ``no-walls`` unless edits add some.
     NotADrawing
         If it is a photo.
     """
@@ -83,7 +84,7 @@ def read_drawing_file(
     file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
     loaded = _load(file)
     reading = _in_known_layers(_read(loaded, file))
-    reading = apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98))
+    reading = _settled(apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98)))
     tell("judge", 0.98)
     return reading if isinstance(loaded, Reading) else _judged(reading)
 
@@ -128,6 +129,13 @@ def _in_known_layers(reading: Reading) -> Reading:
     """Return a reading in which every layer that no edit could name is called ``other``; reasons stay."""
     removed = tuple(r if r.layer in LAYERS else replace(r, layer="other") for r in reading.removed)
     return replace(reading, removed=removed)
+
+
+def _settled(reading: Reading) -> Reading:
+    """Return a reading that does not say that it has no walls, where a person gave it some."""
+    if not reading.walls:
+        return reading
+    return replace(reading, findings=tuple(f for f in reading.findings if f.code != "no-walls"))
 
 
 def _judged(reading: Reading) -> Reading:

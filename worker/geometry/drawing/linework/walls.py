@@ -10,7 +10,6 @@ import shapely
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
-from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing.linework.guess import guess_walls
 from worker.geometry.drawing.linework.linework import Linework
@@ -67,8 +66,6 @@ def read_linework(
     ------
     InvalidRequest
         If wall layers were chosen and none of them is in the file.
-    NoWallsFound
-        If the drawing has lines, but none of them looks like a wall's.
     DrawingTooComplex
         If the lines lie so densely that they cannot be compared.
     """
@@ -83,12 +80,6 @@ def read_linework(
             linework, roles, metres_per_unit=unit, tell=lambda share: tell("walls", share / 2)
         )
     found = _read_walls(linework, roles, unit, lambda share: tell("walls", 0.5 + share * 0.4))
-    if not found.walls and not found.columns and not _without_model(linework):
-        raise NoWallsFound(
-            "Nothing in the drawing looks like a wall: no layer's name says so, and no lines run side by "
-            "side at a wall's thickness. Name the layers that hold the walls.",
-            layers=list(linework.layer_names[:100]),
-        )
     tell("set aside", 0.9)
     to = frame.factor / unit
     walls = tuple(_moved(w, to, frame.shift) for w in found.walls)
@@ -100,10 +91,9 @@ def read_linework(
         sheet=frame.sheet,
         scale=scale,
         style="filled" if found.filled else "outlined" if _paired(walls) else "single-line",
-        findings=(*linework.findings, *roles.findings, *_remarks(linework, roles, guessed=guessed)),
+        findings=(*linework.findings, *roles.findings, *_remarks(linework, roles, found, guessed=guessed)),
         origin=frame.origin,
         layers=source_layers(linework, roles, frame.factor),
-        confidence=1.0 if walls or columns else 0.0,
     )
 
 
@@ -272,9 +262,20 @@ def _without_model(linework: Linework) -> bool:
     return any(f.code in {"only-references", "empty-model"} for f in linework.findings)
 
 
-def _remarks(linework: Linework, roles: Roles, *, guessed: bool) -> list[Finding]:
+def _remarks(linework: Linework, roles: Roles, found: _Found, *, guessed: bool) -> list[Finding]:
     out = []
-    if guessed and not _without_model(linework):
+    is_empty = not found.walls and not found.columns
+    if is_empty and not _without_model(linework):
+        out.append(
+            Finding(
+                "no-walls",
+                "serious",
+                "Nothing in the drawing looks like a wall: no layer's name says so, and no lines run side by "
+                "side at a wall's thickness. Choose the layers that hold the walls, or draw them by edits.",
+                {"layers": list(linework.layer_names[:100])},
+            )
+        )
+    elif guessed and not _without_model(linework):
         out.append(
             Finding(
                 "wall-layers-guessed",

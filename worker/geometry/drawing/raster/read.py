@@ -73,7 +73,8 @@ def read_raster(grey: NDArray[np.uint8], *, scale: Scale, progress: Progress | N
     Raises
     ------
     NoWallsFound
-        If nothing on the sheet looks like a wall.
+        If the sheet is blank. Where something is drawn, but nothing looks like a wall, the reading has no
+        walls and says so in the finding ``no-walls``: a person may move strokes to the walls.
     ValueError
         If the scale is not positive.
     """
@@ -90,18 +91,25 @@ def read_raster(grey: NDArray[np.uint8], *, scale: Scale, progress: Progress | N
         raise NoWallsFound("The sheet is blank: nothing on it is darker than its paper.")
     tell("cleanup", 0.55)
     walls, columns, removed, style = _sort_out(ink, strokes, tell)
-    if not walls:
-        wide, high = (n * metres_per_px for n in grey.shape[::-1])
-        raise NoWallsFound(
-            f"None of the {len(strokes)} strokes on the sheet looks like a wall. Check the scale: "
-            f"at {metres_per_px:.5g} m a pixel the sheet is {wide:.1f} x {high:.1f} m."
-        )
     size = (grey.shape[1] * metres_per_px, grey.shape[0] * metres_per_px)
     removed += _dust(dust, ink.metres_per_px)
     counts: dict[str, float] = {"dust": len(dust)}
-    reading = Reading(tuple(walls), tuple(columns), tuple(removed), size, scale, style, counts=counts)
+    findings = () if walls else (_no_walls(len(strokes), size, metres_per_px),)
+    reading = Reading(
+        tuple(walls), tuple(columns), tuple(removed), size, scale, style, findings=findings, counts=counts
+    )
     tell("walls", 0.95)
     return reading if scale.metres_per_unit is not None else _in_pixels(reading, metres_per_px)
+
+
+def _no_walls(strokes: int, size: tuple[float, float], metres_per_px: float) -> Finding:
+    return Finding(
+        "no-walls",
+        "serious",
+        f"None of the {strokes} strokes on the sheet looks like a wall. Check the scale: at "
+        f"{metres_per_px:.5g} m a pixel the sheet is {size[0]:.1f} x {size[1]:.1f} m. Or move the strokes of "
+        "the walls to the layer wall, or draw the walls, by edits.",
+    )
 
 
 @dataclass
