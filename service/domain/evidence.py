@@ -49,6 +49,12 @@ class PlacementEvidence:
     position_sensitivity_m, yaw_sensitivity_rad : float
         How far the pose would move, at the scan's origin and in its worst level direction, if each wall stood
         3 cm and half a degree from where the map has it (one sigma). Residuals do not show this.
+    covariance : tuple of 6 tuples of 6 float
+        Of the pose: x, y, z of the scan's origin [m] and a rotation vector [rad], both in frame `map`, as the
+        surfaces' own errors, sized by the residuals, leave it. The true pose lies within the ellipsoid
+        ``e^T C^-1 e <= 12.59`` in about 95 of 100 accepted placements.
+    position_std_m, yaw_std_rad : float
+        Square roots of its worst level direction and of its turn about the vertical.
     contradicted_share : float
         Share of the upright structure that stands behind a wall of the map as seen from the scan's origin.
         A tablet carried through a door sees such things rightly.
@@ -88,6 +94,9 @@ class PlacementEvidence:
     weak_directions: tuple[str, ...]
     position_sensitivity_m: float
     yaw_sensitivity_rad: float
+    covariance: tuple[tuple[float, ...], ...]
+    position_std_m: float
+    yaw_std_rad: float
     contradicted_share: float
     astray_share: float
     upright_surfaces: int
@@ -107,6 +116,7 @@ class PlacementEvidence:
             name: None if isinstance(member, float) and not math.isfinite(member) else member
             for name, member in asdict(self).items()
         }
+        value["covariance"] = [[x if math.isfinite(x) else None for x in row] for row in self.covariance]
         value["information_eigenvalues"] = list(self.information_eigenvalues)
         value["weak_directions"] = list(self.weak_directions)
         return value

@@ -10,6 +10,7 @@ from scipy.spatial import KDTree
 from service.domain.evidence import PlacementEvidence
 from service.domain.transform import Transform
 from worker.geometry.registration import measure
+from worker.geometry.registration.covariance import TILT, pose_covariance
 from worker.geometry.registration.fitness import (
     euclidean_fitness_score,
     nearest_voxel_transformation_likelihood,
@@ -61,6 +62,7 @@ def gather_evidence(
     off = np.abs(best.fit.distance[best.fit.inlier])
     shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
     eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
+    stated = pose_covariance(best.fit, origin=pose.translation, sided=faces, held=TILT)
     ndt_map = problem.ndt_map(pose, problem.ndt_resolution)
     radius = problem.scan.radius + 2.0 * MARGIN
     cloud = problem.target.near(problem.centre(pose), radius)
@@ -89,6 +91,9 @@ def gather_evidence(
         weak_directions=weak,
         position_sensitivity_m=shift,
         yaw_sensitivity_rad=turn,
+        covariance=tuple(tuple(float(x) for x in row) for row in stated.matrix),
+        position_std_m=stated.position_std,
+        yaw_std_rad=stated.yaw_std,
         contradicted_share=best.contradicted,
         astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
