@@ -32,19 +32,24 @@ class AcceptancePolicy:
     least_upright_surfaces : int
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
     largest_contradicted_share : float
-        More structure than this behind walls of the map, as seen from where the scan began, speaks
-        against the pose.
+        More points than this behind walls of the map, as seen from where the tablet was, speak against the
+        pose: of right ones it is mostly under 1 %.
     largest_astray_share : float
         More structure than this on no wall and in no room of the map speaks against the pose: an object
         stands in a room, what a wrong pose leaves over often does not.
     excusing_inlier_share, excusing_surfaces : float, int
-        Not so where this share of the structure lies on the map, on so many distinct walls: then the tablet
-        walked around corners.
+        Not so where this share of the structure lies on the map, on so many distinct walls, and hardly a
+        point remains hidden from every place that the tablet could have been carried to: then it walked.
+    largest_unreachable_share : float
+        Of a tablet that walked, more points than this hidden from everywhere speak against the pose.
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
     runner_up_margin : float
-        A runner-up that explains the structure but for this share as well as the pose makes it ambiguous.
+        A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
+        a pose that leaves structure unexplained, half of that more is asked.
+    contradiction_weight : float
+        What a share of points behind walls takes off an explained share, where poses are compared.
     least_agreement : float
         Least share of the starts that end at the pose.
     largest_move_m, largest_turn_rad, largest_tilt_rad : float
@@ -58,12 +63,14 @@ class AcceptancePolicy:
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
-    largest_contradicted_share: float = 0.06
+    largest_contradicted_share: float = 0.03
     largest_astray_share: float = 0.04
     excusing_inlier_share: float = 0.85
-    excusing_surfaces: int = 5
+    excusing_surfaces: int = 4
+    largest_unreachable_share: float = 0.01
     largest_sensitivity_m: float = 0.045
     runner_up_margin: float = 0.1
+    contradiction_weight: float = 2.0
     least_agreement: float = 0.4
     largest_move_m: float = 3.5
     largest_turn_rad: float = math.radians(50.0)
@@ -161,16 +168,28 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     walked = (
         e.inlier_share_of_structure >= policy.excusing_inlier_share
         and e.upright_surfaces >= policy.excusing_surfaces
+        and e.unreachable_share <= policy.largest_unreachable_share
     )
     if e.contradicted_share > policy.largest_contradicted_share and not walked:
         doubts.append(
-            f"{e.contradicted_share:.0%} of the scanned structure was seen through the map's walls."
+            f"{e.contradicted_share:.0%} of the points would have been seen through the map's walls."
         )
     if e.astray_share > policy.largest_astray_share and not walked:
         doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")
     return doubts
+
+
+def _rivalled(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
+    """Return whether the runner-up explains the scan nearly as well."""
+    if e.runner_up_inlier_share is None:
+        return False
+    weight = policy.contradiction_weight
+    here = e.inlier_share_of_structure - weight * e.contradicted_share
+    there = e.runner_up_inlier_share - weight * (e.runner_up_contradicted_share or 0.0)
+    margin = policy.runner_up_margin + (1.0 - e.inlier_share_of_structure) / 2.0
+    return there > here - margin
 
 
 def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
@@ -189,8 +208,7 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
             "if they stand 3 cm from where the map has them, "
             f"it is {e.position_sensitivity_m * 100:.1f} cm off. Scan more of the room."
         )
-    runner_up = e.runner_up_inlier_share
-    if runner_up is not None and runner_up > e.inlier_share_of_structure - policy.runner_up_margin:
+    if _rivalled(e, policy):
         doubts.append(
             f"Another pose, {e.runner_up_distance_m or 0.0:.2f} m and "
             f"{math.degrees(e.runner_up_turn_rad or 0.0):.1f} degrees away, fits almost as well."

@@ -56,8 +56,11 @@ class PlacementEvidence:
     position_std_m, yaw_std_rad : float
         Square roots of its worst level direction and of its turn about the vertical.
     contradicted_share : float
-        Share of the upright structure that stands behind a wall of the map as seen from the scan's origin.
-        A tablet carried through a door sees such things rightly.
+        Share of all points, floor and furniture too, that stand behind a wall of the map as seen from where
+        the tablet was. One carried through a door sees such things rightly; 0 on a cloud, which has no walls.
+    unreachable_share : float
+        Share of all points that are hidden as well from every place on the scanned floor to which the tablet
+        can have been carried, out of one such place's sight into the next.
     astray_share : float
         Share of the upright structure that lies on no surface of the map and stands in no room of it either,
         as an object would: behind a wall, or where no wall follows. 0 on a cloud, which has no rooms.
@@ -68,8 +71,10 @@ class PlacementEvidence:
     starts, starts_agreeing : int
         On a cloud with a rough pose: poses tried as starts of NDT, and how many ended at the pose given
         (within 0.1 m and 1 degree).
-    runner_up_distance_m, runner_up_turn_rad, runner_up_inlier_share : float or None
-        The best pose that ended elsewhere: how far from the pose given, and its share of structure inliers.
+    runner_up_distance_m, runner_up_turn_rad : float or None
+        The best pose that ended elsewhere: how far it is from the pose given.
+    runner_up_inlier_share, runner_up_contradicted_share : float or None
+        Its share of structure inliers, and that of points behind walls.
     moved_m, turned_rad : float
         How far the placement went from the rough pose.
     tilt_rad : float
@@ -98,6 +103,7 @@ class PlacementEvidence:
     position_std_m: float
     yaw_std_rad: float
     contradicted_share: float
+    unreachable_share: float
     astray_share: float
     upright_surfaces: int
     poses_compared: int
@@ -106,6 +112,7 @@ class PlacementEvidence:
     runner_up_distance_m: float | None
     runner_up_turn_rad: float | None
     runner_up_inlier_share: float | None
+    runner_up_contradicted_share: float | None
     moved_m: float
     turned_rad: float
     tilt_rad: float

@@ -14,6 +14,7 @@ from worker.geometry.lidar.tablet import TabletPath, TabletScan, scan_with_table
 
 DOOR, INNER, OUTER = 0.95, 0.12, 0.3
 LEAST_ROOM = 2.6
+Room = tuple[float, float, float, float]
 FULL_TURN, THREE_WALLS, CORNER = 2.0 * np.pi, np.deg2rad(200.0), np.deg2rad(75.0)
 
 
@@ -29,6 +30,8 @@ class Building:
         As built: every wall a centimetre or two from where it is drawn, with floor, ceiling, furniture.
     rooms : ndarray of shape (K, 4)
         x0, y0, x1, y1 of the rooms between their walls' centre lines [m].
+    doors : ndarray of shape (D, 4)
+        Middle of each door, and the unit direction through it.
     height : float
         Of the rooms [m].
     """
@@ -36,6 +39,7 @@ class Building:
     drawn: tuple[Wall, ...]
     scene: Scene
     rooms: NDArray[np.float64]
+    doors: NDArray[np.float64]
     height: float
 
     def room_at(self, place: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -62,8 +66,9 @@ def a_building(seed: int, *, deviation: float = 0.01) -> Building:
     x1, y1 = size
     for a, b in (((0, 0), (x1, 0)), ((x1, 0), (x1, y1)), ((x1, y1), (0, y1)), ((0, y1), (0, 0))):
         lines.append((np.array([a, b], dtype=np.float64), OUTER))
-    rooms: list[tuple[float, float, float, float]] = []
-    _split((0.0, 0.0, float(x1), float(y1)), rng, lines, rooms)
+    rooms: list[Room] = []
+    doors: list[Room] = []
+    _split((0.0, 0.0, float(x1), float(y1)), rng, (lines, rooms, doors))
     drawn = tuple(Wall.of(line, thickness=thickness) for line, thickness in lines)
     parts = [
         slab((-1, -1), size + 1, z=0.0, name="floor"),
@@ -77,16 +82,16 @@ def a_building(seed: int, *, deviation: float = 0.01) -> Building:
         )
     for room in rooms:
         parts += _furniture(room, rng)
-    return Building(drawn, Scene.of(*parts), np.array(rooms), height)
+    return Building(drawn, Scene.of(*parts), np.array(rooms), np.array(doors).reshape(-1, 4), height)
 
 
 def _split(
-    room: tuple[float, float, float, float],
+    room: Room,
     rng: np.random.Generator,
-    lines: list[tuple[NDArray[np.float64], float]],
-    rooms: list[tuple[float, float, float, float]],
+    into: tuple[list[tuple[NDArray[np.float64], float]], list[Room], list[Room]],
 ) -> None:
     """Split a room by a wall with a door, until rooms are as large as rooms are."""
+    lines, rooms, doors = into
     x0, y0, x1, y1 = room
     wide, high = x1 - x0, y1 - y0
     if max(wide, high) < 2 * LEAST_ROOM or wide * high < rng.uniform(14.0, 45.0):
@@ -97,16 +102,18 @@ def _split(
     at = low + float(rng.uniform(LEAST_ROOM, long - LEAST_ROOM))
     begin, end = (y0, y1) if across else (x0, x1)
     door = begin + float(rng.uniform(0.2, end - begin - DOOR - 0.2))
+    middle = door + DOOR / 2
+    doors.append((at, middle, 1.0, 0.0) if across else (middle, at, 0.0, 1.0))
     for a, b in ((begin, door), (door + DOOR, end)):
         ends = np.array([(at, a), (at, b)] if across else [(a, at), (b, at)])
         lines.append((ends, INNER))
     first = (x0, y0, at, y1) if across else (x0, y0, x1, at)
     second = (at, y0, x1, y1) if across else (x0, at, x1, y1)
-    _split(first, rng, lines, rooms)
-    _split(second, rng, lines, rooms)
+    _split(first, rng, into)
+    _split(second, rng, into)
 
 
-def _furniture(room: tuple[float, float, float, float], rng: np.random.Generator) -> list[Scene]:
+def _furniture(room: Room, rng: np.random.Generator) -> list[Scene]:
     """Return tables and cabinets along the walls of a room."""
     low, high = np.array(room[:2]), np.array(room[2:])
     made = []
@@ -138,6 +145,19 @@ def a_scan(building: Building, seed: int, *, turn: float = FULL_TURN) -> TabletS
         place, start_yaw=ahead - turn / 2, turn=turn, frames=max(12, int(48 * turn / FULL_TURN))
     )
     return scan_with_tablet(Scene.of(building.scene, made), path, seed=seed)
+
+
+def a_walk(building: Building, seed: int) -> TabletScan:
+    """Return a scan by someone who looks around, walks through a door, and looks around again."""
+    rng = np.random.default_rng(seed)
+    x, y, u, v = building.doors[rng.integers(len(building.doors))]
+    door, through = np.array([x, y]), np.array([u, v]) * rng.choice([-1.0, 1.0])
+    begin, end = door - 1.2 * through, door + 1.2 * through
+    ahead = float(np.arctan2(through[1], through[0]))
+    path = TabletPath.turning(begin, start_yaw=ahead - FULL_TURN, frames=40)
+    path = path.then(TabletPath.walking([begin, end], look_at=end + through, frames=10))
+    path = path.then(TabletPath.turning(end, start_yaw=ahead, frames=40))
+    return scan_with_tablet(building.scene, path, seed=seed)
 
 
 def _a_corner(

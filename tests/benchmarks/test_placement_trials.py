@@ -17,7 +17,16 @@ from numpy.typing import NDArray
 from service.domain.acceptance import judge
 from service.domain.errors import PlacementNotComputed
 from service.domain.transform import Transform
-from tests.benchmarks.buildings import CORNER, FULL_TURN, THREE_WALLS, Building, a_building, a_scan, rough
+from tests.benchmarks.buildings import (
+    CORNER,
+    FULL_TURN,
+    THREE_WALLS,
+    Building,
+    a_building,
+    a_scan,
+    a_walk,
+    rough,
+)
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.drawing.reading.reading import Wall
 from worker.geometry.registration.place import Placed, place_scan
@@ -68,6 +77,11 @@ def _three(building: Building, seed: int) -> Trial:
 
 def _corner(building: Building, seed: int) -> Trial:
     return _plain(building, seed, CORNER)
+
+
+def _walked(building: Building, seed: int) -> Trial:
+    scan = a_walk(building, seed)
+    return Trial(scan.cloud.points.copy(), building.drawn, building, scan.T_map_scan, scan.T_map_scan)
 
 
 def _bent(points: NDArray[np.float64], seed: int) -> NDArray[np.float64]:
@@ -155,6 +169,7 @@ KINDS: dict[str, Callable[[Building, int], Trial]] = {
     "whole room": _room,
     "three walls": _three,
     "bare corner": _corner,
+    "through a door": _walked,
     "1 % scale": _scaled,
     "1.5 degrees bent": _bend,
     "three walls, both": _three_bent,

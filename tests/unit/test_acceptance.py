@@ -18,10 +18,12 @@ GOOD = PlacementEvidence(
     overlap_share=0.99, euclidean_fitness_score_m2=0.02, transformation_probability=1.9,
     nearest_voxel_transformation_likelihood=1.7, ndt_resolution_m=1.0,
     information_eigenvalues=(0.08, 0.1, 0.1, 0.2, 0.2, 0.3), weak_directions=(),
-    position_sensitivity_m=0.022, yaw_sensitivity_rad=0.005, astray_share=0.0,
-    contradicted_share=0.0, upright_surfaces=5,
+    position_sensitivity_m=0.022, yaw_sensitivity_rad=0.005,
+    covariance=((1e-4, 0.0, 0.0, 0.0, 0.0, 0.0),) * 6, position_std_m=0.01, yaw_std_rad=0.002,
+    contradicted_share=0.0, unreachable_share=0.0, astray_share=0.0, upright_surfaces=5,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
-    runner_up_inlier_share=None, moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
+    runner_up_inlier_share=None, runner_up_contradicted_share=None,
+    moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
 )  # fmt: skip
 
 DOUBTS: list[tuple[dict[str, Any], str]] = [
@@ -59,7 +61,15 @@ def test_one_doubt_is_enough_for_a_review(change: dict[str, Any], words: str) ->
 
 
 def test_a_tablet_that_walked_has_seen_behind_walls_rightly() -> None:
-    assert judge(replace(GOOD, contradicted_share=0.4)).verdict == "accepted"
+    walked = replace(GOOD, contradicted_share=0.4)
+    assert judge(walked).verdict == "accepted"
+    assert judge(replace(walked, unreachable_share=0.05)).verdict == "needs-review"
+
+
+def test_a_runner_up_that_sees_through_walls_is_no_rival() -> None:
+    rival = replace(GOOD, runner_up_inlier_share=0.93, runner_up_contradicted_share=0.0)
+    assert judge(rival).verdict == "needs-review"
+    assert judge(replace(rival, runner_up_contradicted_share=0.1)).verdict == "accepted"
 
 
 def test_all_doubts_are_named_together() -> None:

@@ -90,7 +90,7 @@ def pose_covariance(
     A = J.T @ J
     prior = np.zeros(6)
     prior[list(held)] = len(p) * (0.02 / _TILT) ** 2 / 100.0
-    A_inverse = np.linalg.inv(A + np.diag(prior + _UNHELD * len(p)))
+    A_inverse: NDArray[np.float64] = np.linalg.inv(A + np.diag(prior + _UNHELD * len(p))).astype(np.float64)
     surfaces = [_Surface.of(p[k], n[k], r[k], J[k]) for k in _surfaces_of(p, n, r, sided=sided)]
     offset = _sigma([s.offset for s in surfaces], A_inverse, prior=_PRIOR_OFFSET)
     turn = _sigma([s.turn for s in surfaces if s.turn is not None], A_inverse, prior=_PRIOR_TURN)

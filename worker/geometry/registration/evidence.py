@@ -5,10 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from service.domain.evidence import PlacementEvidence
 from service.domain.transform import Transform
+from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.registration import measure
 from worker.geometry.registration.covariance import TILT, pose_covariance
 from worker.geometry.registration.fitness import (
@@ -20,12 +22,13 @@ from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
 
-_SEEN_THROUGH = 0.5
+_SEEN_THROUGH = 2.0
+_FLOOR, _STRIDE, _MOST_PLACES = 0.15, 1.0, 60
 
 
 @dataclass(frozen=True, eq=False)
 class Found:
-    """Hold a refined end with its fit, and the share of structure seen through walls there."""
+    """Hold a refined end with its fit, and the share of all points seen through walls there."""
 
     end: End
     fit: measure.Fit
@@ -69,8 +72,8 @@ def gather_evidence(
     tree = problem.surfaces(pose).tree if faces else KDTree(cloud)
     placed = pose.apply(problem.scan.coarse)
     near = tree.query(placed, distance_upper_bound=ndt_map.resolution)[0]
-    others = [(*apart_at(pose, f.end.T_map_scan, middle), f.fit.structure_share, f.score) for f in found[1:]]
-    runner_up = max(others, key=lambda other: other[3], default=(None, None, None, None))
+    runner_up = max(found[1:], key=lambda f: f.score, default=None)
+    beside = None if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
     moved_by, turned_by = (0.0, 0.0) if initial is None else apart_at(pose, initial, middle)
     return PlacementEvidence(
         map_kind=problem.target.kind,
@@ -95,14 +98,16 @@ def gather_evidence(
         position_std_m=stated.position_std,
         yaw_std_rad=stated.yaw_std,
         contradicted_share=best.contradicted,
+        unreachable_share=_unreachable(problem, best.fit, pose),
         astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
-        runner_up_distance_m=runner_up[0],
-        runner_up_turn_rad=runner_up[1],
-        runner_up_inlier_share=runner_up[2],
+        runner_up_distance_m=beside[0] if beside is not None else None,
+        runner_up_turn_rad=beside[1] if beside is not None else None,
+        runner_up_inlier_share=runner_up.fit.structure_share if runner_up is not None else None,
+        runner_up_contradicted_share=runner_up.contradicted if runner_up is not None else None,
         moved_m=moved_by,
         turned_rad=turned_by,
         tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
@@ -110,12 +115,38 @@ def gather_evidence(
 
 
 def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
-    """Return the share of the structure that the tablet would have had to see through a wall."""
+    """Return the share of the points that the tablet would have had to see through a wall."""
     viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
-    structure = fit.placed[fit.structure & (fit.placed[:, 2] < problem.target.wall_height)]
-    if not len(structure):
+    below = _below_the_walls_tops(problem, fit)
+    return float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint))) if len(below) else 0.0
+
+
+def _unreachable(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+    """Return the share of the points that stay hidden while the tablet is carried over the scanned floor.
+
+    A tablet is carried from a place to another that it sees from there. Some 40 places on the floor, spread
+    evenly, are visited in this way, as far as they can be.
+    """
+    below = _below_the_walls_tops(problem, fit)
+    if not len(below):
         return 0.0
-    return float(np.mean(problem.target.seen_through(structure, viewpoint=viewpoint)))
+    floor = fit.placed[np.abs(fit.placed[:, 2]) < _FLOOR]
+    places = voxel_grid_filter(floor, _STRIDE)[:_MOST_PLACES] if len(floor) else floor
+    hidden, unseen = np.ones(len(below), dtype=bool), np.ones(len(places), dtype=bool)
+    eyes = [pose.apply(problem.scan.viewpoint[None])[0]]
+    while eyes and hidden.any():
+        eye = eyes.pop()
+        hidden[hidden] = problem.target.seen_through(below[hidden], viewpoint=eye)
+        visible = np.flatnonzero(unseen)[
+            ~problem.target.seen_through(places[unseen], viewpoint=eye, clearance=0.0)
+        ]
+        unseen[visible] = False
+        eyes += list(places[visible])
+    return float(np.mean(hidden))
+
+
+def _below_the_walls_tops(problem: Problem, fit: measure.Fit) -> NDArray[np.float64]:
+    return fit.placed[fit.placed[:, 2] < problem.target.wall_height]
 
 
 def _astray(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
