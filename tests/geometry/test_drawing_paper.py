@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.raster.skew import Level, find_skew
-from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, without_specks
+from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, sharpened, without_specks
 from worker.geometry.drawing.raster.strokes import find_strokes
 
 M = 0.01
@@ -144,6 +144,17 @@ def test_a_blurred_sheet_is_told_and_its_lines_stay_thin() -> None:
     clean, blurred = find_ink(plan(), M), find_ink(soft, M)
     assert blurred.mask.sum() <= 1.25 * clean.mask.sum()
     assert agreement(clean.mask, blurred.mask) >= 0.98
+
+
+def test_a_sharpened_sheet_has_its_close_lines_apart_again_and_as_heavy_as_they_were() -> None:
+    drawn = np.zeros((1100, 60), dtype=np.uint8)
+    drawn[:, 20] = drawn[:, 22] = 200
+    soft = np.asarray(cv2.GaussianBlur(drawn, (0, 0), 0.8), dtype=np.uint8)
+    assert (soft[:, 21] > 0.8 * soft[:, 20]).all()
+    clear = sharpened(soft)
+    assert (clear[:, 21] < 0.6 * np.minimum(clear[:, 20], clear[:, 22])).all()
+    assert clear.sum(dtype=int) == pytest.approx(drawn.sum(dtype=int), rel=0.04)
+    assert (clear == clear[0]).all()
 
 
 def test_a_blank_sheet_has_no_ink(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.skew import Level, find_skew
-from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, without_specks
+from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, sharpened, without_specks
 
 _FINEST = 0.0125
 _DUST = 0.04
@@ -83,15 +83,21 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     level = Level.of((grey.shape[0], grey.shape[1]), 0.0)
     darkest, mean = _reduced(sheet, reduction)
     contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
-    is_soft = speckled or is_blurred(contrast)
+    blurred = is_blurred(contrast)
+    is_soft = speckled or blurred
+    contrast = sharpened(contrast) if blurred else contrast
     mask = _drawn(contrast, is_soft=is_soft)
     angle = find_skew(mask) if max(grey.shape) <= _LARGEST_TURNED else 0.0
     if angle:
         level = Level.of((grey.shape[0], grey.shape[1]), angle)
         darkest, mean = _reduced(level.levelled(sheet, outside=255), reduction)
         contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
+        contrast = sharpened(contrast) if blurred or reduction == 1 else contrast
         mask = _drawn(contrast, is_soft=is_soft)
-    mean = _taken(mean, _paper_at(paper, level, grey.shape, mean.shape, reduction))
+    if reduction == 1:
+        mean = contrast
+    else:
+        mean = _taken(mean, _paper_at(paper, level, grey.shape, mean.shape, reduction))
     height = grey.shape[0] * metres_per_px
     return Ink(mask, mean, reduction, metres_per_px * reduction, height, level if angle else None)
 

@@ -20,6 +20,7 @@ _STEP = 0.06
 _SHORTEST, _SIDE_BY_SIDE, _NARROWEST = 0.4, 0.5, 0.07
 _LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.1, 0.4, 0.1
 _LIGHT, _HEAVY_END = 0.6, 0.6
+_MOSTLY_PAIRED, _SET_OFF, _PEN_STEPS = 0.5, 0.6, 4
 _LEAST_OF_ALL = 0.05
 _ALIKE = 1.34
 _ONE_PEN = float(np.log(1.4))
@@ -147,9 +148,10 @@ def lightest_wall_pen(
     """Return the least weight of a stroke that may be a wall's.
 
     Draughtsmen cut walls with a heavier pen than what stands in the rooms. Of all pens (weights up to 1.4 of
-    the least), the one is taken of whose strokes the largest share runs in pairs at a wall's thickness, if
-    they span the drawing and hold a fair part of all pairs, and the share is clearly larger than that of
-    all strokes. Where none is so good, what is under 60 % of the heavy end of the paired strokes is light.
+    the least), those count that span the drawing and hold a fair part of all that runs in pairs at a wall's
+    thickness. Of them the heaviest is taken that draws pairs mostly and is set off from what is lighter;
+    else the one of which the largest share is paired, if that is clearly more than of all strokes. Where none
+    is so good, what is under 60 % of the heavy end of the paired strokes is light.
     """
     length = strokes.length * metres_per_px
     use = candidates & (length >= _SHORTEST)
@@ -160,19 +162,42 @@ def lightest_wall_pen(
     density = np.histogram(weight[use], np.append(cuts, cuts[-1] + _STEP), weights=length[use])[0]
     span = _span(strokes, use)
     least = max(_LEAST_PAIRED * paired_length(pairs, use, length), _LEAST_OF_ALL * float(length[use].sum()))
-    shares, best = [], 0
+    shares, fair = np.zeros(len(cuts)), np.zeros(len(cuts), dtype=bool)
     for k, cut in enumerate(cuts):
         heavy = use & (weight >= cut)
         pen = heavy & ((weight <= cut + _ONE_PEN) | (k == 0))
         paired = paired_length(pairs, heavy, np.where(pen, length, 0.0))
-        shares.append(paired / max(float(length[pen].sum()), 1e-9))
-        spans = heavy.any() and bool((_span(strokes, heavy) >= _LEAST_SPAN * span).all())
-        if spans and paired >= least and shares[k] > shares[best]:
-            best = k
-    if best == 0 or shares[best] < max(_LEAST_SHARE, shares[0] + _BETTER):
+        shares[k] = paired / max(float(length[pen].sum()), 1e-9)
+        fair[k] = paired >= least and heavy.any() and (_span(strokes, heavy) >= _LEAST_SPAN * span).all()
+    best = _heaviest_pen(density, shares, fair) or _most_paired_pen(shares, fair)
+    if not best:
         return _LIGHT * _heavy_end(strokes, pairs, candidates, length)
-    first = max(0, best - 4)
+    first = max(0, best - _PEN_STEPS)
     return float(np.exp(cuts[first + int(np.argmin(density[first : best + 1]))]))
+
+
+def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fair: NDArray[np.bool_]) -> int:
+    """Return the cut of the heaviest fair pen that is half paired and set off from lighter ones, or 0.
+
+    Set off is a pen where little is drawn just under its weight: 60 % at most of its own densest weight, and
+    of the densest lighter one.
+    """
+    smooth = np.convolve(density, np.ones(3) / 3, mode="same")
+    paired = np.where(fair, shares, -1.0)
+    for k in np.flatnonzero(paired[1:] >= _MOSTLY_PAIRED)[::-1] + 1:
+        low = max(0, k - 2)
+        best = int(low + np.argmax(paired[low : k + 3]))
+        first = max(0, best - _PEN_STEPS)
+        gap = float(smooth[first : best + 1].min())
+        if gap <= _SET_OFF * min(smooth[best : best + _PEN_STEPS + 2].max(), smooth[: first + 1].max()):
+            return best
+    return 0
+
+
+def _most_paired_pen(shares: NDArray[np.float64], fair: NDArray[np.bool_]) -> int:
+    """Return the cut of the fair pen of which most is paired, or 0 where that is hardly more than of all."""
+    best = int(np.argmax(np.where(fair, shares, shares[0])))
+    return best if shares[best] >= max(_LEAST_SHARE, shares[0] + _BETTER) else 0
 
 
 def _span(strokes: Strokes, which: NDArray[np.bool_]) -> NDArray[np.float64]:

@@ -13,6 +13,7 @@ _DEEP = 40
 _SHARE = 3e-4
 _EDGE, _STEP, _SHARP_SHARE = 60, 0.72, 0.05
 _STRIP_ROWS = 512
+_BLUR, _ROUNDS, _ROUND_ROWS = 0.8, 12, 72
 _RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.uint8)
 _WINDOW = np.ones((5, 5), dtype=np.uint8)
 _PAIRS = (
@@ -42,6 +43,27 @@ def is_blurred(contrast: NDArray[np.uint8]) -> bool:
         edges += int(edge.sum())
         sharp += int((edge & (rise > _STEP * whole)).sum())
     return edges > 0 and sharp < _SHARP_SHARE * edges
+
+
+def sharpened(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the (H, W) contrast without a blur of 0.8 px, so that lines two pixels apart come apart again.
+
+    Notes
+    -----
+    Deconvolution of Richardson (1972) and Lucy (1974): light is neither made nor lost, so the sum across a
+    line stays. Twelve rounds: more break faint lines up. In strips of rows, so that it needs little memory.
+    """
+    out = np.zeros_like(contrast)
+    height = contrast.shape[0]
+    for top in range(0, height, _STRIP_ROWS):
+        bottom = min(height, top + _STRIP_ROWS)
+        low, high = max(0, top - _ROUND_ROWS), min(height, bottom + _ROUND_ROWS)
+        seen = contrast[low:high].astype(np.float32) + 0.5
+        true = seen.copy()
+        for _ in range(_ROUNDS):
+            true *= cv2.GaussianBlur(seen / cv2.GaussianBlur(true, (0, 0), _BLUR), (0, 0), _BLUR)
+        out[top:bottom] = np.clip(true[top - low : bottom - low], 0.0, 255.0).astype(np.uint8)
+    return out
 
 
 def _tiles(grey: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
