@@ -179,8 +179,8 @@ def lightest_wall_pen(
 def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fair: NDArray[np.bool_]) -> int:
     """Return the cut of the heaviest fair pen that is half paired and set off from lighter ones, or 0.
 
-    Set off is a pen where little is drawn just under its weight: 60 % at most of its own densest weight, and
-    of the densest lighter one.
+    It is paired no less than all strokes are. Set off is a pen where little is drawn just under its weight:
+    60 % at most of its own densest weight, and of the densest lighter one.
     """
     smooth = np.convolve(density, np.ones(3) / 3, mode="same")
     paired = np.where(fair, shares, -1.0)
@@ -189,7 +189,8 @@ def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fai
         best = int(low + np.argmax(paired[low : k + 3]))
         first = max(0, best - _PEN_STEPS)
         gap = float(smooth[first : best + 1].min())
-        if gap <= _SET_OFF * min(smooth[best : best + _PEN_STEPS + 2].max(), smooth[: first + 1].max()):
+        beside = min(smooth[best : best + _PEN_STEPS + 2].max(), smooth[: first + 1].max())
+        if shares[best] >= shares[0] and gap <= _SET_OFF * beside:
             return best
     return 0
 
