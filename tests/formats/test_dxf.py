@@ -185,7 +185,7 @@ def test_pens_of_layers_are_resolved_and_hidden_layers_left_out(tmp_path: Path) 
     assert drawn.width.tolist() == [0.5, 0.13]
     assert drawn.colour.tolist() == [0xFF0000, 0x00FF00]
     assert drawn.dashed.tolist() == [True, False]
-    assert "layers-hidden" in codes(drawn)
+    assert "layer-hidden" in codes(drawn)
 
 
 def test_dimensions_written_by_hand_name_the_unit(tmp_path: Path) -> None:

@@ -330,7 +330,7 @@ class _Reader:
             names = [name for name, _ in seen.hidden.most_common(_MOST_NAMES)]
             out.append(
                 _finding(
-                    "layers-hidden",
+                    "layer-hidden",
                     "info",
                     f"{sum(seen.hidden.values())} entities on layers that are off or frozen were left out: "
                     f"{', '.join(names)}.",

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections import defaultdict
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -23,7 +23,8 @@ _LEAST_PIECE = 0.005
 _LEAST_RATIO = 1.0
 _SAME_SPACING = 0.012
 _CAP_REACH = 0.02
-_AT_ONCE = 500
+_AT_ONCE = 100
+_BIN = np.pi / 60
 _MOST_PAIRS = 20_000_000
 
 Spans = list[tuple[float, float]]
@@ -122,21 +123,47 @@ def stretches(
     if crowded(lines, reach=thickest):
         raise _too_dense(len(lines.length))
     seen: dict[tuple[int, int], Spans] = defaultdict(list)
-    geometry = shapely.linestrings(
-        np.stack([lines.start, lines.start + lines.along * lines.length[:, None]], axis=1)
-    )
-    tree = shapely.STRtree(geometry)
-    compared = 0
-    for first in range(0, len(geometry), _AT_ONCE):
+    compared, count = 0, len(lines.length)
+    for done, one, other in _side_by_side(lines, reach=thickest):
         if tell is not None:
-            tell(first / len(geometry))
-        one, other = tree.query(geometry[first : first + _AT_ONCE], predicate="dwithin", distance=thickest)
-        one = one + first
+            tell(done)
         compared += len(one)
         if compared > _MOST_PAIRS:
-            raise _too_dense(len(geometry))
+            raise _too_dense(count)
         _see(lines, one, other, between=(thinnest, thickest), least=least, seen=seen)
     return _mutual(lines, seen, least)
+
+
+def _side_by_side(
+    lines: Lines, *, reach: float
+) -> Iterator[tuple[float, NDArray[np.int64], NDArray[np.int64]]]:
+    """Return the share done, and pairs of about one direction whose boxes along it lie within `reach`.
+
+    The lines are sorted into bins of direction; each bin is turned level, where a line's box is as slim as
+    the line, and compared with itself and its two neighbours.
+    """
+    count = round(np.pi / _BIN)
+    angle = np.arctan2(lines.along[:, 1], lines.along[:, 0]) % np.pi
+    own = np.floor(angle / _BIN).astype(np.int64) % count
+    done = 0
+    for n in np.unique(own).tolist():
+        near = np.flatnonzero(np.isin(own, [(n - 1) % count, n, (n + 1) % count]))
+        mine = np.flatnonzero(own[near] == n)
+        box = _level_boxes(lines, near, (n + 0.5) * _BIN)
+        tree = shapely.STRtree(shapely.box(*box.T))
+        wide = shapely.box(*(box[mine] + np.array([0.0, -reach, 0.0, reach])).T)
+        for first in range(0, len(mine), _AT_ONCE):
+            one, other = tree.query(wide[first : first + _AT_ONCE])
+            yield (done + first) / len(own), near[mine[one + first]], near[other]
+        done += len(mine)
+
+
+def _level_boxes(lines: Lines, which: NDArray[np.int64], angle: float) -> NDArray[np.float64]:
+    """Return (M, 4) left, bottom, right, top of some lines, turned back by an angle [rad]."""
+    turn = np.array([[np.cos(angle), -np.sin(angle)], [np.sin(angle), np.cos(angle)]])
+    start = lines.start[which] @ turn
+    end = start + (lines.along[which] * lines.length[which][:, None]) @ turn
+    return np.hstack([np.minimum(start, end), np.maximum(start, end)])
 
 
 def crowded(lines: Lines, *, reach: float) -> bool:
