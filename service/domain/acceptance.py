@@ -37,11 +37,12 @@ class AcceptancePolicy:
     largest_astray_share : float
         More structure than this on no wall and in no room of the map speaks against the pose: an object
         stands in a room, what a wrong pose leaves over often does not.
-    excusing_inlier_share, excusing_surfaces : float, int
-        Not so where this share of the structure lies on the map, on so many distinct walls, and hardly a
-        point remains hidden from every place that the tablet could have been carried to: then it walked.
+    least_self_hidden_share : float
+        A scan with more points than this behind its own walls was taken walking: what it saw through the
+        map's walls, or in other rooms, is excused up to that share.
     largest_unreachable_share : float
-        Of a tablet that walked, more points than this hidden from everywhere speak against the pose.
+        Of a tablet that walked, more points than this, hidden from wherever it could have been carried,
+        speak against the pose.
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
@@ -65,8 +66,7 @@ class AcceptancePolicy:
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.03
     largest_astray_share: float = 0.04
-    excusing_inlier_share: float = 0.85
-    excusing_surfaces: int = 4
+    least_self_hidden_share: float = 0.05
     largest_unreachable_share: float = 0.01
     largest_sensitivity_m: float = 0.045
     runner_up_margin: float = 0.1
@@ -165,16 +165,15 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
         )
-    walked = (
-        e.inlier_share_of_structure >= policy.excusing_inlier_share
-        and e.upright_surfaces >= policy.excusing_surfaces
-        and e.unreachable_share <= policy.largest_unreachable_share
+    walked = e.self_hidden_share >= policy.least_self_hidden_share
+    excused = (
+        e.self_hidden_share if walked and e.unreachable_share <= policy.largest_unreachable_share else 0.0
     )
-    if e.contradicted_share > policy.largest_contradicted_share and not walked:
+    if e.contradicted_share > policy.largest_contradicted_share + excused:
         doubts.append(
             f"{e.contradicted_share:.0%} of the points would have been seen through the map's walls."
         )
-    if e.astray_share > policy.largest_astray_share and not walked:
+    if e.astray_share > policy.largest_astray_share + excused:
         doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")

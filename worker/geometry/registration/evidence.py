@@ -23,6 +23,7 @@ from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
 
 _SEEN_THROUGH = 2.0
+_SECTOR, _EYE_HEIGHT, _BEHIND = np.deg2rad(2.0), (1.2, 1.9), 0.4
 _FLOOR, _STRIDE, _MOST_PLACES = 0.15, 1.0, 60
 
 
@@ -98,6 +99,7 @@ def gather_evidence(
         position_std_m=stated.position_std,
         yaw_std_rad=stated.yaw_std,
         contradicted_share=best.contradicted,
+        self_hidden_share=_self_hidden(problem, best.fit, pose),
         unreachable_share=_unreachable(problem, best.fit, pose),
         astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
@@ -119,6 +121,26 @@ def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
     viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
     below = _below_the_walls_tops(problem, fit)
     return float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint))) if len(below) else 0.0
+
+
+def _self_hidden(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+    """Return the share of the points behind the scan's own walls, as seen from where the tablet was.
+
+    Walls are what is upright at eye height, the nearest of every two degrees: one sees under a lintel.
+    """
+    if problem.target.kind == "cloud":
+        return 0.0
+    eye = pose.apply(problem.scan.viewpoint[None])[0, :2]
+    away = fit.placed[:, :2] - eye
+    distance = np.hypot(away[:, 0], away[:, 1])
+    sector = np.floor(np.arctan2(away[:, 1], away[:, 0]) / _SECTOR).astype(np.int64) % round(
+        2 * np.pi / _SECTOR
+    )
+    low, high = _EYE_HEIGHT
+    wall = fit.upright & (fit.placed[:, 2] > low) & (fit.placed[:, 2] < high)
+    nearest = np.full(sector.max() + 1, np.inf)
+    np.minimum.at(nearest, sector[wall], distance[wall])
+    return float(np.mean(distance > nearest[sector] + _BEHIND))
 
 
 def _unreachable(problem: Problem, fit: measure.Fit, pose: Transform) -> float:

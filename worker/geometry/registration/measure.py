@@ -37,14 +37,15 @@ class Fit:
         Signed distance to the matched plane [m].
     plane : ndarray of shape (N, 3)
         Normal of that plane.
-    inlier, structure : ndarrays of shape (N,), bool
-        On a surface of the map; upright and above furniture.
+    inlier, upright, structure : ndarrays of shape (N,), bool
+        On a surface of the map; upright; upright and above furniture.
     """
 
     placed: NDArray[np.float64]
     distance: NDArray[np.float64]
     plane: NDArray[np.float64]
     inlier: NDArray[np.bool_]
+    upright: NDArray[np.bool_]
     structure: NDArray[np.bool_]
 
     @property
@@ -83,7 +84,7 @@ def measure_fit(
     distance, plane, found = surfaces.match(placed, turned, reach=REACH)
     upright = (np.abs(turned[:, 2]) < _UPRIGHT) & (np.linalg.norm(turned, axis=1) > 0.5)
     structure = upright if structure_from is None else _above(placed[:, 2], upright, structure_from)
-    return Fit(placed, distance, plane, found & (np.abs(distance) < INLIER_DISTANCE), structure)
+    return Fit(placed, distance, plane, found & (np.abs(distance) < INLIER_DISTANCE), upright, structure)
 
 
 def _above(z: NDArray[np.float64], upright: NDArray[np.bool_], structure_from: float) -> NDArray[np.bool_]:
