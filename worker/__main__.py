@@ -9,6 +9,8 @@ import socket
 import sys
 from datetime import UTC, datetime
 
+import structlog
+
 from service import crash_points, logs
 from service.db.delivery import open_delivery
 from service.db.session import Database, open_engine
@@ -43,6 +45,7 @@ def main() -> int:
     runner = Runner(kernel, delivery, terms=terms)
     signal.signal(signal.SIGTERM, runner.stop)
     signal.signal(signal.SIGINT, runner.stop)
+    structlog.get_logger(__name__).info("the worker started", worker=name)
     try:
         runner.run()
     except NoChild:

@@ -14,6 +14,7 @@ import signal
 import socket
 import subprocess
 import sys
+import tempfile
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -90,6 +91,10 @@ class Natively:
             check=False,
         )
 
+    def logged(self, name: str, words: str) -> int:
+        """Return how many processes of a name have written some words."""
+        return sum(words in file.read_text() for file in self._data_dir.glob(f"{name}*") if file.is_file())
+
     def is_healthy(self, name: str) -> bool:
         """Return what the process's health check says."""
         kind, *words = self._services[name]["healthcheck"]["test"]
@@ -102,8 +107,7 @@ class Natively:
     @contextmanager
     def running(self, name: str, **more: str) -> Iterator[subprocess.Popen[bytes]]:
         """Run a process in the background; it is killed in the end if it still runs."""
-        log = self._data_dir / f"{name}.log"
-        with log.open("wb") as output:
+        with tempfile.NamedTemporaryFile(dir=self._data_dir, prefix=name, delete=False) as output:
             process = subprocess.Popen(
                 self._words(self._services[name]["command"]),
                 cwd=self._data_dir,
@@ -195,6 +199,10 @@ def test_two_workers_become_healthy_and_stop_when_told(natively: Natively) -> No
     with natively.running("worker") as first, natively.running("worker") as second:
         for process in (first, second):
             _until_healthy(natively, "worker", process)
+        deadline = time.monotonic() + START_S
+        while natively.logged("worker", "the worker started") < 2:
+            assert time.monotonic() < deadline, "a worker did not say that it started"
+            time.sleep(0.1)
         assert [_stop(process) for process in (first, second)] == [0, 0]
 
 

@@ -20,6 +20,7 @@ from service.domain.errors import (
     NotFinite,
     UploadTooLarge,
 )
+from service.domain.scale import ScaleHint
 from tests.formats.cad_plans import draw_plan, face_lines, new_drawing, saved
 from worker.formats.drawing import read_drawing_file
 from worker.formats.dwg import load_dwg
@@ -85,6 +86,22 @@ def test_the_wall_layers_can_be_chosen(tmp_path: Path) -> None:
     assert "wall-layer-missing" in codes(reading)
     with pytest.raises(InvalidRequest, match="A-WALL"):
         read(path, wall_layers=("nothing",))
+
+
+def test_a_solid_hatch_of_several_rings_is_as_many_walls(tmp_path: Path) -> None:
+    doc = new_drawing(6)
+    hatch = doc.modelspace().add_hatch(dxfattribs={"layer": "A-WALL"})
+    rings = face_lines()[:4], face_lines()[4:]
+    hatch.paths.add_polyline_path([a for a, _ in rings[0]], is_closed=True, flags=1)
+    hatch.paths.add_polyline_path([a for a, _ in rings[1]], is_closed=True, flags=16)
+    hatch.paths.add_polyline_path([(4, 4), (4.2, 4), (4.2, 8), (4, 8)], is_closed=True, flags=1)
+    reading = read(saved(doc, tmp_path / "hatched.dxf"), scale=ScaleHint(metres_per_unit=1.0))
+    apart = [w for w in reading.walls if w.centre[:, 0].min() > 3.9 and w.centre[:, 0].max() < 4.3]
+    assert [round(w.thickness, 2) for w in apart] == [0.2]
+    assert sum(w.length for w in apart) == pytest.approx(4.0, abs=0.05)
+    assert sorted({round(w.thickness, 2) for w in reading.walls}) == [0.1, 0.2, 0.3]
+    outer = [w for w in reading.walls if round(w.thickness, 2) == 0.3]
+    assert sum(w.length for w in outer) == pytest.approx(2 * (19.7 + 11.7), abs=0.05)
 
 
 @pytest.mark.parametrize("unit", UNITS)

@@ -90,11 +90,11 @@ def assign_roles(linework: Linework, *, wall_layers: Sequence[str] | None) -> Ro
         )
         known = bool((entity == "wall").any())
         return Roles(tuple(names), tuple(reasons), entity, known)
-    walls = (entity == "wall") & ~linework.filled
+    walls = entity == "wall"
     length = entity_lengths(linework)
     extent = _extent(linework)
     known = float(length[walls].sum()) >= _LEAST_WALL_LENGTH * extent or bool(
-        ((entity == "wall") & linework.filled).sum() > 3
+        (walls & linework.filled).sum() > 3
     )
     return Roles(tuple(names), tuple(reasons), entity, known)
 

@@ -8,6 +8,7 @@ from dataclasses import replace
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial import cKDTree
 
 from service.domain.findings import Finding
 from service.domain.scale import ScaleHint
@@ -95,20 +96,22 @@ def _doors(linework: Linework, role: NDArray[np.str_]) -> list[Witness]:
     sweep = np.abs(linework.arcs[:, 4])
     arcs = linework.arcs[(sweep >= _SWEEP[0]) & (sweep <= _SWEEP[1])][:_MOST_LINES]
     drawn = ~np.isin(role, ["furniture", "text", "dimension", "hatch"])[linework.entity]
-    radii = [r for x, y, r, *_ in arcs if _has_leaf(linework.ends[drawn], x, y, r)]
-    if not radii:
+    radii = arcs[_have_leaves(arcs[:, :3], linework.ends[drawn]), 2]
+    if not len(radii):
         return []
     r = float(np.median(radii))
     detail = f"{len(radii)} doors swing with a radius of {r:.4g} units: doors are {_DOOR[0]} to {_DOOR[1]} m."
     return [Witness("door-arcs", _DOOR[0] / r, _DOOR[1] / r, detail, len(radii))]
 
 
-def _has_leaf(ends: NDArray[np.float64], x: float, y: float, r: float) -> bool:
-    """Return whether a line of an arc's radius begins or ends near its centre."""
-    away = np.hypot(ends[:, :, 0] - x, ends[:, :, 1] - y)
-    near = away.min(axis=1) <= _HINGE * r
-    length = np.hypot(*(ends[near, 1] - ends[near, 0]).T)
-    return bool((np.abs(length - r) <= _LEAF * r).any())
+def _have_leaves(arcs: NDArray[np.float64], ends: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return by which arcs, given as (x, y, radius), a line of the radius begins or ends near the centre."""
+    length = np.repeat(np.hypot(*(ends[:, 1] - ends[:, 0]).T), 2)
+    hinges = cKDTree(ends.reshape(-1, 2))
+    near = hinges.query_ball_point(arcs[:, :2], _HINGE * arcs[:, 2])
+    return np.array(
+        [(np.abs(length[n] - r) <= _LEAF * r).any() for n, r in zip(near, arcs[:, 2], strict=True)], bool
+    )
 
 
 def _spacing(walls: NDArray[np.float64]) -> list[Witness]:

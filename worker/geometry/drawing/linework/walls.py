@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from service.domain.findings import Finding
+from worker.geometry.drawing.linework.areas import entity_area
 from worker.geometry.drawing.linework.guess import guess_walls
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import pair_lines
@@ -213,21 +214,22 @@ def _areas(
 ) -> tuple[list[object], NDArray[np.bool_]]:
     """Return filled areas of wall layers whose outline no line repeats, and which entities these are."""
     drawn = np.zeros(len(linework.kind), dtype=np.bool_)
-    outlines = _outlines(linework, filled, unit)
-    samples = _samples(ends) if outlines else np.zeros((0, 2))
+    which = np.flatnonzero(filled)
+    samples = _samples(ends) if len(which) else np.zeros((0, 2))
     tree = cKDTree(samples) if len(samples) else None
+    first = np.searchsorted(linework.entity, [which, which + 1]).T
     areas: list[object] = []
-    for e, outline in outlines.items():
+    for e, (low, high) in zip(which.tolist(), first.tolist(), strict=True):
         if len(areas) >= _MOST_AREAS:
             break
-        if tree is not None:
-            around = np.stack([outline, np.roll(outline, -1, axis=0)], axis=1)
-            away = np.asarray(tree.query(_samples(around))[0])
+        if tree is not None and high > low:
+            away = np.asarray(tree.query(_samples(linework.ends[low:high] * unit))[0])
             if np.mean(away <= _SAME_LINE + _SAMPLE / 2) >= _MOSTLY:
                 continue
-        polygon = shapely.make_valid(shapely.polygons(outline))
-        areas += [p for p in shapely.get_parts(polygon) if p.geom_type == "Polygon" and p.area > 0]
-        drawn[e] = True
+        area = entity_area(linework, e, unit)
+        if area is not None:
+            areas += list(shapely.get_parts(area))
+            drawn[e] = True
     return areas, drawn
 
 

@@ -8,6 +8,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from worker.geometry.drawing.linework.areas import entity_area
 from worker.geometry.drawing.linework.linework import Linework
 
 _THINNEST, _THICKEST = 0.05, 0.9
@@ -56,23 +57,6 @@ def wall_areas(linework: Linework, unit: float) -> tuple[list[Any], NDArray[np.b
         if like and not light and share >= _LEAST_SHARE and length >= _LEAST_LENGTH:
             kept[like] = True
     return _unmasked(linework, {int(e): area_of[int(e)] for e in np.flatnonzero(kept)}, unit), kept
-
-
-def entity_area(linework: Linework, entity: int, unit: float) -> Any | None:
-    """Return the area of a filled entity [m], holes left out, or None where it has none."""
-    low, high = np.searchsorted(linework.entity, [entity, entity + 1])
-    ends = linework.ends[low:high] * unit
-    if len(ends) < 3:
-        return None
-    breaks = np.flatnonzero(np.abs(ends[1:, 0] - ends[:-1, 1]).max(axis=1) > 1e-6) + 1
-    rings = [np.vstack([part[:, 0], part[-1:, 1]]) for part in np.split(ends, breaks) if len(part) >= 2]
-    if len(rings) == 1:
-        area = shapely.make_valid(shapely.polygons(np.vstack([rings[0], rings[0][:1]])))
-    else:
-        closed = [shapely.linestrings(np.vstack([r, r[:1]])) for r in rings]
-        area = shapely.build_area(shapely.union_all(closed))
-    parts = [p for p in shapely.get_parts(area) if p.geom_type in {"Polygon", "MultiPolygon"} and p.area > 0]
-    return shapely.union_all(parts) if parts else None
 
 
 def _wall_like(areas: dict[int, Any]) -> list[int]:
