@@ -18,7 +18,9 @@ _MEDIA_TYPES = {
     ".pcd": "application/octet-stream",
     ".pgm": "image/x-portable-graymap",
     ".png": "image/png",
+    ".tar": "application/x-tar",
     ".yaml": "application/yaml",
+    ".zst": "application/zstd",
 }
 
 

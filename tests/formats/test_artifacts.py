@@ -21,12 +21,19 @@ from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.drawing.reading.reading import Column, Wall
 
 NAMES = [
+    "manifest.json",
+    "map_projector_info.yaml",
     "occupancy-grid.pgm",
+    "occupancy-grid.pgm.zst",
     "occupancy-grid.yaml",
+    "package.tar",
     "point-cloud.pcd",
+    "point-cloud.pcd.zst",
+    "pointcloud_map_metadata.yaml",
     "preview.png",
     "report.json",
     "walls.geojson",
+    "walls.geojson.zst",
 ]
 
 
@@ -53,7 +60,8 @@ def test_the_same_inputs_give_the_same_bytes(tmp_path: Path) -> None:
         {p.name: hashlib.sha256(p.read_bytes()).hexdigest() for p in build(tmp_path / name)}
         for name in ("one", "two")
     ]
-    assert sorted(digests[0]) == NAMES
+    assert sorted(name for name in digests[0] if len(name) < 64) == NAMES
+    assert len(digests[0]) > len(NAMES)
     assert digests[0] == digests[1]
 
 

@@ -14,10 +14,12 @@ from service.domain.findings import Finding
 from service.domain.recipe import Recipe
 from worker.formats import preview
 from worker.formats.occupancy import write_occupancy
+from worker.formats.package import write_coded, write_manifest, write_package
 from worker.formats.pcd import write_pcd
 from worker.formats.reading import write_json, write_walls
+from worker.formats.tiles import in_tile_order, write_autoware, write_tiles
 from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_columns, place_walls
-from worker.geometry.cloud.occupancy_grid import occupancy_grid
+from worker.geometry.cloud.occupancy_grid import OccupancyGrid, occupancy_grid
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.drawing.reading.reading import Column, Wall
 
@@ -60,8 +62,10 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     Returns
     -------
     list of Path
-        ``point-cloud.pcd``, ``occupancy-grid.pgm``, ``occupancy-grid.yaml``, ``walls.geojson``,
-        ``preview.png``, ``report.json``.
+        ``point-cloud.pcd`` (its points tile by tile), ``tiles/<sha256>.pcd``,
+        ``pointcloud_map_metadata.yaml``, ``map_projector_info.yaml``, ``occupancy-grid.pgm``,
+        ``occupancy-grid.yaml``, ``walls.geojson``, ``manifest.json``, ``package.tar``, ``preview.png``,
+        ``report.json``, and the large ones once more as ``<name>.zst``.
 
     Raises
     ------
@@ -81,21 +85,37 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     T_map_drawing = map_transform(recipe)
     walls, columns = place_walls(walls, T_map_drawing), place_columns(columns, T_map_drawing)
     tell("point-cloud", 0.1)
-    cloud = compound(walls, columns, recipe=recipe, layers=layers, bounds=bounds)
-    paths = [directory / "point-cloud.pcd"]
-    write_pcd(paths[0], cloud)
-    tell("occupancy-grid", 0.6)
+    cloud = in_tile_order(compound(walls, columns, recipe=recipe, layers=layers, bounds=bounds))
     grid = occupancy_grid(walls, columns, layers=layers, resolution=recipe.occupancy_resolution_m)
-    paths += write_occupancy(directory, grid)
+    tell("files", 0.4)
+    paths = _for_robots(directory, cloud, grid, walls, columns)
     tell("preview", 0.8)
-    paths.append(directory / "walls.geojson")
-    write_walls(paths[-1], walls, columns, frame="map")
     paths.append(directory / "preview.png")
     _picture(paths[-1], walls, columns, cloud)
     paths.append(directory / "report.json")
     write_json(paths[-1], _report(cloud, walls, columns, layers, recipe, inputs, findings), indent=2)
     tell("done", 1.0)
     return paths
+
+
+def _for_robots(
+    directory: Path,
+    cloud: PointCloud,
+    grid: OccupancyGrid,
+    walls: Sequence[Wall],
+    columns: Sequence[Column],
+) -> list[Path]:
+    """Write what a robot may load, the package of it, and the large files once more, compressed."""
+    pcd, geojson = directory / "point-cloud.pcd", directory / "walls.geojson"
+    write_pcd(pcd, cloud)
+    tiles = write_tiles(directory, cloud)
+    write_walls(geojson, walls, columns, frame="map")
+    image, description = write_occupancy(directory, grid)
+    files = [pcd, image, description, geojson, *write_autoware(directory, tiles)]
+    files += [directory / tile.path for tile in tiles]
+    manifest = write_manifest(directory, files, tiles, points=len(cloud))
+    package = write_package(directory, manifest, files)
+    return [*files, manifest, package, *(write_coded(file) for file in (pcd, image, geojson))]
 
 
 def _picture(path: Path, walls: Sequence[Wall], columns: Sequence[Column], cloud: PointCloud) -> None:

@@ -53,15 +53,24 @@ class _Header:
 
 
 def write_pcd(path: Path, cloud: PointCloud) -> None:
-    """Write a cloud as PCD v0.7, ``DATA binary``, with the fields of PCL's ``PointXYZL``.
+    """Write a cloud as `pcd_bytes` says.
+
+    Parameters
+    ----------
+    path : Path
+        File to write; an existing one is replaced.
+    """
+    Path(path).write_bytes(pcd_bytes(cloud))
+
+
+def pcd_bytes(cloud: PointCloud) -> bytes:
+    """Return a cloud as PCD v0.7, ``DATA binary``, with the fields of PCL's ``PointXYZL``.
 
     The same cloud gives the same bytes on every machine: nothing but the points and labels, in
     their order, goes into the file. Coordinates are rounded to float32 [m].
 
     Parameters
     ----------
-    path : Path
-        File to write; an existing one is replaced.
     cloud : PointCloud
         N points, N may be 0.
     """
@@ -75,9 +84,7 @@ def write_pcd(path: Path, cloud: PointCloud) -> None:
     for axis, name in enumerate("xyz"):
         record[name] = cloud.points[:, axis]
     record["label"] = cloud.labels
-    with Path(path).open("wb") as file:
-        file.write(header.encode("ascii"))
-        file.write(record.tobytes())
+    return header.encode("ascii") + record.tobytes()
 
 
 def read_pcd(path: Path, bounds: Bounds = Bounds()) -> PointCloud:  # noqa: B008 - a frozen value
