@@ -23,7 +23,19 @@ from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.metrics import Metrics
-from service.api.routes import drawings, health, jobs, keys, maps, placements, revisions, scans, tus
+from service.api.routes import (
+    artifacts,
+    drawings,
+    health,
+    jobs,
+    keys,
+    maps,
+    placements,
+    published,
+    revisions,
+    scans,
+    tus,
+)
 from service.api.routes import problems as problem_pages
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
@@ -41,6 +53,8 @@ _ROUTERS = (
     drawings.router,
     scans.router,
     revisions.router,
+    artifacts.router,
+    published.router,
     placements.router,
     tus.router,
     jobs.router,

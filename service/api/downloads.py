@@ -1,4 +1,4 @@
-"""Files on their way out: ETag from the content, ranges, and a body that streams."""
+"""Files on their way out: ETag from the content, codings, ranges, and a body that streams."""
 
 from __future__ import annotations
 
@@ -12,8 +12,9 @@ import anyio
 from fastapi import HTTPException, Request
 from fastapi.responses import Response, StreamingResponse
 
+from service.api.codings import takes
 from service.api.conditions import none_match, one_range, range_applies
-from service.usecases.download import StoredFile
+from service.usecases.download import CodedForm, StoredFile
 
 _CHUNK_BYTES = 256 * 1024
 _UNSAFE = re.compile(r'[^\x20-\x7e]|["\\]')
@@ -24,58 +25,109 @@ IMMUTABLE = "private, max-age=31536000, immutable"
 REVALIDATE = "private, no-cache"
 """Caching of files whose address may give other bytes later."""
 
+
+def _told(text: str) -> dict[str, Any]:
+    return {"description": text, "schema": {"type": "string"}}
+
+
+_DIGESTS = {
+    "ETag": _told("SHA-256 of the bytes sent, as hex, quoted: without a coding that of the whole file."),
+    "Repr-Digest": _told("SHA-256 of the bytes sent, of all of them where a range was cut out (RFC 9530)."),
+    "Unencoded-Digest": _told("SHA-256 of the whole file without any coding."),
+    "Vary": _told("The request headers that choose the coding."),
+}
+
 DOCUMENTED: dict[int | str, dict[str, Any]] = {
     200: {
-        "description": "The file.",
+        "description": "The file, in the coding that `Content-Encoding` names.",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
         "headers": {
-            "ETag": {"description": "SHA-256 of the whole file, quoted.", "schema": {"type": "string"}},
-            "Repr-Digest": {
-                "description": "SHA-256 of the whole file (RFC 9530).",
-                "schema": {"type": "string"},
-            },
+            **_DIGESTS,
+            "Use-As-Dictionary": _told(
+                "Which later files can be asked for as what they add to this one (RFC 9842)."
+            ),
         },
     },
     206: {
-        "description": "The part that `Range` asked for.",
+        "description": "The part that `Range` asked for; never coded.",
         "content": {"application/octet-stream": {"schema": {"type": "string", "format": "binary"}}},
+        "headers": _DIGESTS,
     },
     304: {"description": "The file is the one that `If-None-Match` names."},
 }
 """The answers of a download route, for OpenAPI."""
 
 
-def send_file(request: Request, file: StoredFile, *, caching: str) -> Response:
+def send_file(
+    request: Request, file: StoredFile, *, caching: str, dictionary_for: str | None = None
+) -> Response:
     """Return the answer to a GET or HEAD of a file: 200, 206 or 304.
+
+    A request for a range gets the bare file, which alone has ranges; any other the first of the file's
+    forms that `Accept-Encoding` takes.
 
     Parameters
     ----------
     caching : str
         `IMMUTABLE` or `REVALIDATE`.
+    dictionary_for : str, optional
+        Pattern of the paths (URL Pattern) of which this file is a dictionary, told with every whole file.
 
     Raises
     ------
     HTTPException
         416, if the range asked for lies outside of the file.
     """
+    held = request.headers.get("if-none-match")
+    form = _chosen_form(request, file)
     headers = {
-        "ETag": f'"{file.sha256}"',
         "Cache-Control": caching,
-        "Repr-Digest": f"sha-256=:{base64.b64encode(bytes.fromhex(file.sha256)).decode()}:",
+        "Unencoded-Digest": _digest(file.sha256),
+        "Vary": "Accept-Encoding, Available-Dictionary",
     }
-    if not none_match(request.headers.get("if-none-match"), file.sha256):
-        return Response(status_code=304, headers=headers)
+    for tag in [file.sha256] if form is None else [file.sha256, form.sha256]:
+        if not none_match(held, tag):
+            return Response(status_code=304, headers={**headers, **_named(tag)})
     headers |= {
-        "Accept-Ranges": "bytes",
         "Content-Type": file.media_type,
         "Content-Disposition": f'inline; filename="{_UNSAFE.sub("_", file.file_name)}"',
         "X-Content-Type-Options": "nosniff",
     }
+    if form is not None:
+        return _send_coded(request, form, headers | _dictionary(file, dictionary_for))
+    return _send_bare(request, file, headers, _dictionary(file, dictionary_for))
+
+
+def _chosen_form(request: Request, file: StoredFile) -> CodedForm | None:
+    if "range" in request.headers:
+        return None
+    accepted = request.headers.get("accept-encoding")
+    return next((form for form in file.forms if takes(accepted, form.coding)), None)
+
+
+def _send_coded(request: Request, form: CodedForm, headers: dict[str, str]) -> Response:
+    headers |= _named(form.sha256) | {
+        "Content-Encoding": form.coding,
+        "Content-Length": str(form.size_bytes),
+        "Accept-Ranges": "none",
+    }
+    if request.method == "HEAD":
+        return Response(headers=headers)
+    body = _read(form.path, 0, form.size_bytes - len(form.head), head=form.head)
+    return StreamingResponse(body, headers=headers)
+
+
+def _send_bare(
+    request: Request, file: StoredFile, headers: dict[str, str], dictionary: dict[str, str]
+) -> Response:
+    headers |= _named(file.sha256) | {"Accept-Ranges": "bytes"}
     begin, end, status = 0, file.size_bytes, 200
     asked = _asked_range(request, file)
     if asked is not None:
         (begin, end), status = asked, 206
         headers["Content-Range"] = f"bytes {begin}-{end - 1}/{file.size_bytes}"
+    else:
+        headers |= dictionary
     headers["Content-Length"] = str(end - begin)
     if request.method == "HEAD":
         return Response(status_code=status, headers=headers)
@@ -95,7 +147,23 @@ def _asked_range(request: Request, file: StoredFile) -> tuple[int, int] | None:
         ) from error
 
 
-async def _read(path: Path, begin: int, end: int) -> AsyncIterator[bytes]:
+def _named(sha256: str) -> dict[str, str]:
+    return {"ETag": f'"{sha256}"', "Repr-Digest": _digest(sha256)}
+
+
+def _dictionary(file: StoredFile, dictionary_for: str | None) -> dict[str, str]:
+    if dictionary_for is None:
+        return {}
+    return {"Use-As-Dictionary": f'match="{dictionary_for}", id="{file.sha256}"'}
+
+
+def _digest(sha256: str) -> str:
+    return f"sha-256=:{base64.b64encode(bytes.fromhex(sha256)).decode()}:"
+
+
+async def _read(path: Path, begin: int, end: int, *, head: bytes = b"") -> AsyncIterator[bytes]:
+    if head:
+        yield head
     async with await anyio.open_file(path, "rb") as file:
         await file.seek(begin)
         left = end - begin

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
@@ -116,10 +117,11 @@ class ByHand:
                 record_scan_reading(self.kernel, session, attempt, reading={"points": 3}, files=files)
         return scan_id
 
-    def build(self, job_id: str, *, cloud: bytes = CLOUD) -> None:
-        """End the build of a revision well."""
+    def build(self, job_id: str, *, cloud: bytes = CLOUD, more: Mapping[str, bytes] | None = None) -> None:
+        """End the build of a revision well, with `more` files."""
         attempt = self.claim(job_id)
-        files = {"point-cloud.pcd": self.keep(cloud), "report.json": self.keep(b"{}")}
+        contents = {"point-cloud.pcd": cloud, "report.json": b"{}", **(more or {})}
+        files = {path: self.keep(content) for path, content in contents.items()}
         with self.kernel.db.writing("record-revision") as session:
             record_revision(self.kernel, session, attempt, report={"points": 1}, files=files)
 

@@ -1,22 +1,20 @@
-"""Revisions of a map, their files, and what is published."""
+"""Revisions of a map: made, listed and published."""
 
 from __future__ import annotations
 
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated
 
-from fastapi import APIRouter, Header, Path, Query, Request, Response
+from fastapi import APIRouter, Header, Query, Response
 from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, AnyActor, TabletActor
-from service.api.conditions import match, none_match
+from service.api.conditions import match
 from service.api.deps import BaseUrl, KernelDep, MapId, Once, RevisionN, answered, respond
-from service.api.downloads import DOCUMENTED, IMMUTABLE, send_file
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.revisions import (
     ArtifactOut,
-    Channel,
     PublishedOut,
     PublishIn,
     RevisionIn,
@@ -26,15 +24,9 @@ from service.api.schemas.revisions import (
 from service.domain.lifecycle import RevisionStatus
 from service.usecases import publish, revisions
 from service.usecases.answer import Answered, answer_once
-from service.usecases.download import artifact_file
 from service.usecases.revise import revise
 
 router = APIRouter(prefix="/v1/maps/{map_id}", tags=["revisions"])
-
-_POINTER_CACHING = "private, no-cache"
-_UNCHANGED: dict[int | str, dict[str, Any]] = {
-    304: {"description": "The pointer is where `If-None-Match` says."}
-}
 
 
 @router.post("/revisions", status_code=202, response_model=RevisionWithJob)
@@ -98,26 +90,6 @@ def list_artifacts(
         return Page[ArtifactOut](**paging.page(rows, key=lambda row: row.path, show=show))
 
 
-@router.head("/revisions/{n}/artifacts/{path:path}", include_in_schema=False)
-@router.get("/revisions/{n}/artifacts/{path:path}", response_class=Response, responses=DOCUMENTED)
-def get_artifact(
-    request: Request,
-    kernel: KernelDep,
-    actor: AnyActor,
-    map_id: MapId,
-    n: RevisionN,
-    path: Annotated[str, Path(description="Path of the file, such as `point-cloud.pcd`.")],
-) -> Response:
-    """Download a file of a ready revision.
-
-    Its ETag is the SHA-256 of its bytes, its content never changes, and `Range` with `If-Range` goes on
-    where a broken download ended. HEAD works too.
-    """
-    with kernel.db.reading() as session:
-        file = artifact_file(kernel, session, actor, map_id=map_id, n=n, path=path)
-    return send_file(request, file, caching=IMMUTABLE)
-
-
 @router.post("/revisions/{n}/publish", response_model=PublishedOut)
 def publish_revision(
     kernel: KernelDep,
@@ -144,27 +116,3 @@ def publish_revision(
         return answered(PublishedOut.of(done, base_url=base_url), status=200, headers={"ETag": tag})
 
     return respond(answer_once(kernel, actor, point="publish", request=once, act=act))
-
-
-@router.head("/published", include_in_schema=False)
-@router.get("/published", response_model=PublishedOut, responses=_UNCHANGED)
-def get_published(
-    kernel: KernelDep,
-    actor: AnyActor,
-    base_url: BaseUrl,
-    map_id: MapId,
-    *,
-    channel: Annotated[Channel, Query(description="The channel that this robot follows.")] = "stable",
-    if_none_match: Annotated[
-        str | None, Header(description="ETag of the last answer: then 304 says that nothing has changed.")
-    ] = None,
-) -> Response:
-    """Tell which revision a robot should run, with its files. Made to be polled: send `If-None-Match`."""
-    with kernel.db.reading() as session:
-        pointer = publish.published_pointer(session, actor, map_id=map_id, channel=channel)
-        tag = publish.pointer_tag(pointer)
-        headers = {"ETag": f'"{tag}"', "Cache-Control": _POINTER_CACHING}
-        if not none_match(if_none_match, tag):
-            return Response(status_code=304, headers=headers)
-        found = PublishedOut.of(publish.published(session, pointer), base_url=base_url)
-    return Response(found.model_dump_json(), headers=headers, media_type="application/json")
