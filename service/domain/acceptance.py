@@ -46,6 +46,12 @@ class AcceptancePolicy:
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
+    closed_contradicted_share, closed_astray_share : float
+        Where the scan lies between facing walls of the map in both directions, with no more than these
+        against it, what is left over stands in that room: a full store hides most of its walls. Of wrong
+        poses next to none is so.
+    closed_inlier_share, closed_share_of_all, closed_sensitivity_m, closed_rival : float
+        What is asked there in place of the other limits; a rival explains this much of what the pose does.
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
         a pose that leaves structure unexplained, half of that more is asked.
@@ -64,11 +70,17 @@ class AcceptancePolicy:
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
-    largest_contradicted_share: float = 0.03
+    largest_contradicted_share: float = 0.0125
     largest_astray_share: float = 0.04
     least_self_hidden_share: float = 0.05
     largest_unreachable_share: float = 0.01
     largest_sensitivity_m: float = 0.045
+    closed_contradicted_share: float = 0.01
+    closed_astray_share: float = 0.01
+    closed_inlier_share: float = 0.15
+    closed_share_of_all: float = 0.25
+    closed_sensitivity_m: float = 0.06
+    closed_rival: float = 0.7
     runner_up_margin: float = 0.1
     contradiction_weight: float = 2.0
     least_agreement: float = 0.4
@@ -120,6 +132,15 @@ def judge(evidence: PlacementEvidence, policy: AcceptancePolicy | None = None) -
     )
 
 
+def _closed(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
+    """Return whether facing walls of the map hold the scan both ways, and nothing speaks against it."""
+    return (
+        e.closed_directions == 2
+        and e.contradicted_share <= policy.closed_contradicted_share
+        and e.astray_share <= policy.closed_astray_share
+    )
+
+
 def _alone(e: PlacementEvidence) -> str:
     """Return what was done to find another pose that fits."""
     if e.starts:
@@ -132,7 +153,7 @@ def _fatal(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     reasons = []
     if e.points_compared < 100:
         reasons.append(f"Only {e.points_compared} points could be compared; a scan has thousands.")
-    if e.inlier_share_of_structure < policy.rejected_inlier_share:
+    if e.inlier_share_of_structure < policy.rejected_inlier_share and not _closed(e, policy):
         reasons.append(
             f"Only {e.inlier_share_of_structure:.0%} of the scanned structure lies within "
             f"{e.inlier_distance_m:.2f} m of the map: the scan is not of this place, "
@@ -146,17 +167,18 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     doubts = []
     if not e.converged:
         doubts.append("The placement had not come to rest when its iterations ran out.")
-    faces = e.map_kind == "faces"
+    faces, closed = e.map_kind == "faces", _closed(e, policy)
     expected = policy.accepted_inlier_share if faces else policy.accepted_inlier_share_on_cloud
+    expected = policy.closed_inlier_share if closed else expected
+    expected_of_all = policy.closed_share_of_all if closed else policy.accepted_share_of_all
     if e.inlier_share_of_structure < expected:
         doubts.append(
             f"{e.inlier_share_of_structure:.0%} of the scanned structure lies on the map; "
             f"{expected:.0%} are expected of a right pose."
         )
-    if e.inlier_share < policy.accepted_share_of_all:
+    if e.inlier_share < expected_of_all:
         doubts.append(
-            f"{e.inlier_share:.0%} of all points lie on the map; "
-            f"{policy.accepted_share_of_all:.0%} are expected."
+            f"{e.inlier_share:.0%} of all points lie on the map; {expected_of_all:.0%} are expected."
         )
     if not e.residual_median_m <= (
         policy.accepted_residual_m if faces else policy.accepted_residual_on_cloud_m
@@ -188,20 +210,25 @@ def _rivalled(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
     here = e.inlier_share_of_structure - weight * e.contradicted_share
     there = e.runner_up_inlier_share - weight * (e.runner_up_contradicted_share or 0.0)
     margin = policy.runner_up_margin + (1.0 - e.inlier_share_of_structure) / 2.0
+    if _closed(e, policy):
+        margin = min(margin, (1.0 - policy.closed_rival) * here)
     return there > here - margin
 
 
 def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     """Return what leaves room for another pose."""
     doubts = []
+    closed = _closed(e, policy)
     if e.weak_directions:
         doubts.append(f"What was scanned does not hold the pose in: {', '.join(e.weak_directions)}.")
-    if e.upright_surfaces < policy.least_upright_surfaces:
+    if e.upright_surfaces < policy.least_upright_surfaces and not closed:
         doubts.append(
             f"The scan rests on {e.upright_surfaces} upright surfaces; with fewer than "
             f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
         )
-    if not e.position_sensitivity_m <= policy.largest_sensitivity_m:
+    if not e.position_sensitivity_m <= (
+        policy.closed_sensitivity_m if closed else policy.largest_sensitivity_m
+    ):
         doubts.append(
             "The walls seen hold the position from too few sides: "
             "if they stand 3 cm from where the map has them, "

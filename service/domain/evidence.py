@@ -69,6 +69,8 @@ class PlacementEvidence:
         as an object would: behind a wall, or where no wall follows. 0 on a cloud, which has no rooms.
     upright_surfaces : int
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
+    closed_directions : int
+        In how many directions two of them face each other, as opposite walls of a room do: 0, 1 or 2.
     poses_compared : int
         Poses that the placement search compared before the best were refined.
     starts, starts_agreeing : int
@@ -110,6 +112,7 @@ class PlacementEvidence:
     unreachable_share: float
     astray_share: float
     upright_surfaces: int
+    closed_directions: int
     poses_compared: int
     starts: int
     starts_agreeing: int

@@ -88,3 +88,9 @@ def off(truth: Transform, dx: float, dy: float, dyaw_deg: float, *, dz: float = 
     """Return a rough pose that far from the truth."""
     x, y, z = truth.translation + np.array([dx, dy, dz])
     return Transform.from_xyz_yaw(float(x), float(y), float(z), truth.rpy[2] + np.deg2rad(dyaw_deg))
+
+
+def error_of(pose: Transform, truth: Transform) -> tuple[float, float]:
+    """Return how far a pose is from the truth, [m] and [degrees]."""
+    distance, angle = pose.distance_to(truth)
+    return distance, float(np.rad2deg(angle))

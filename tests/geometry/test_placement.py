@@ -14,17 +14,12 @@ import pytest
 from service.domain.acceptance import judge
 from service.domain.errors import FileEmpty, PlacementNotComputed
 from service.domain.transform import Transform
-from tests.geometry.rooms import a_case, box, inside, off
+from tests.geometry.rooms import a_case, box, error_of, inside, off
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.registration.place import REFERENCE, TARGET, Placed, place_scan
+from worker.geometry.registration.place import REFERENCE, TARGET, place_scan
 from worker.geometry.registration.target import PlacementTarget
 
 STARTS = [(0.5, 0.0, 8.0), (-0.5, 0.3, -8.0), (0.0, -0.7, 5.0), (-0.4, -0.4, 10.0), (0.0, 0.0, 0.0)]
-
-
-def error(placed: Placed, truth: Transform) -> tuple[float, float]:
-    distance, angle = placed.T_map_scan.distance_to(truth)
-    return distance, float(np.rad2deg(angle))
 
 
 @pytest.mark.parametrize("start", STARTS)
@@ -33,7 +28,7 @@ def test_a_room_is_placed_right_from_every_start_with_the_object_left_in(
 ) -> None:
     case = a_case(1)
     placed = place_scan(case.scan, case.target, initial=off(case.truth, *start, dz=0.2))
-    distance, angle = error(placed, case.truth)
+    distance, angle = error_of(placed.T_map_scan, case.truth)
     assert distance < 0.01
     assert angle < 0.15
     assert judge(placed.evidence).verdict == "accepted", judge(placed.evidence).reasons
@@ -44,7 +39,7 @@ def test_a_room_is_placed_right_on_a_cloud(start: tuple[float, float, float]) ->
     case = a_case(2)
     target = PlacementTarget.from_cloud(inside(77))
     placed = place_scan(case.scan, target, initial=off(case.truth, *start))
-    distance, angle = error(placed, case.truth)
+    distance, angle = error_of(placed.T_map_scan, case.truth)
     assert distance < 0.03
     assert angle < 0.5
 

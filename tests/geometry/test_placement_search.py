@@ -8,16 +8,11 @@ import pytest
 from service.domain.acceptance import judge
 from service.domain.errors import PlacementNotComputed
 from service.domain.transform import Transform
-from tests.geometry.rooms import CORNERS, HEIGHT, a_case, inside, walls
+from tests.geometry.rooms import CORNERS, HEIGHT, a_case, error_of, inside, walls
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.registration.place import Placed, place_scan
+from worker.geometry.registration.place import place_scan
 from worker.geometry.registration.structure import find_floor, level_shift
 from worker.geometry.registration.target import PlacementTarget
-
-
-def error(placed: Placed, truth: Transform) -> tuple[float, float]:
-    distance, angle = placed.T_map_scan.distance_to(truth)
-    return distance, float(np.rad2deg(angle))
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3, 4])
@@ -27,7 +22,7 @@ def test_a_room_is_found_with_no_pose_among_others(seed: int) -> None:
     others = [*walls(square + np.array([20.0, 3.0])), *walls(square * 0.8 - np.array([9.0, 6.0]))]
     target = PlacementTarget.from_faces([*walls(), *others], wall_height=HEIGHT)
     placed = place_scan(case.scan, target, initial=None)
-    distance, angle = error(placed, case.truth)
+    distance, angle = error_of(placed.T_map_scan, case.truth)
     assert (distance < 0.01, angle < 0.15) == (True, True)
     assert judge(placed.evidence).verdict == "accepted", judge(placed.evidence).reasons
     assert (placed.evidence.moved_m, placed.evidence.turned_rad) == (0.0, 0.0)
@@ -40,7 +35,7 @@ def test_a_pose_may_be_3_m_and_45_degrees_off(away: tuple[float, float, float]) 
     x, y, z = case.truth.translation + np.array([away[0], away[1], 0.9])
     initial = Transform.from_xyz_yaw(x, y, z, case.truth.rpy[2] + np.deg2rad(away[2]))
     placed = place_scan(case.scan, case.target, initial=initial)
-    distance, angle = error(placed, case.truth)
+    distance, angle = error_of(placed.T_map_scan, case.truth)
     assert (distance < 0.01, angle < 0.15) == (True, True)
     assert judge(placed.evidence).verdict == "accepted", judge(placed.evidence).reasons
 
@@ -61,7 +56,7 @@ def test_twin_rooms_are_two_candidates_and_a_question() -> None:
 def test_a_room_is_found_on_a_bare_cloud_with_no_pose() -> None:
     case = a_case(7)
     placed = place_scan(case.scan, PlacementTarget.from_cloud(inside(78)), initial=None)
-    distance, angle = error(placed, case.truth)
+    distance, angle = error_of(placed.T_map_scan, case.truth)
     assert (distance < 0.03, angle < 0.5) == (True, True)
 
 

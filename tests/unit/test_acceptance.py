@@ -22,6 +22,7 @@ GOOD = PlacementEvidence(
     covariance=((1e-4, 0.0, 0.0, 0.0, 0.0, 0.0),) * 6, position_std_m=0.01, yaw_std_rad=0.002,
     contradicted_share=0.0, self_hidden_share=0.0, unreachable_share=0.0, astray_share=0.0,
     upright_surfaces=5,
+    closed_directions=1,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
     runner_up_inlier_share=None, runner_up_contradicted_share=None,
     moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
@@ -72,6 +73,16 @@ def test_a_runner_up_that_sees_through_walls_is_no_rival() -> None:
     rival = replace(GOOD, runner_up_inlier_share=0.93, runner_up_contradicted_share=0.0)
     assert judge(rival).verdict == "needs-review"
     assert judge(replace(rival, runner_up_contradicted_share=0.1)).verdict == "accepted"
+
+
+def test_a_full_store_between_facing_walls_explains_little_and_is_accepted() -> None:
+    store = replace(GOOD, inlier_share_of_structure=0.3, inlier_share=0.3, closed_directions=2)
+    assert judge(store).verdict == "accepted"
+    assert judge(replace(store, closed_directions=1)).verdict == "rejected"
+    assert judge(replace(store, contradicted_share=0.02)).verdict == "rejected"
+    assert judge(replace(store, astray_share=0.02)).verdict == "rejected"
+    assert judge(replace(store, runner_up_inlier_share=0.25)).verdict == "needs-review"
+    assert judge(replace(store, runner_up_inlier_share=0.15)).verdict == "accepted"
 
 
 def test_all_doubts_are_named_together() -> None:

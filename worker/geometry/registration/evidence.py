@@ -75,7 +75,7 @@ def gather_evidence(
     near = tree.query(placed, distance_upper_bound=ndt_map.resolution)[0]
     runner_up = max(found[1:], key=lambda f: f.score, default=None)
     beside = None if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
-    moved_by, turned_by = (0.0, 0.0) if initial is None else apart_at(pose, initial, middle)
+    moved_by, turned_by = (0.0, 0.0) if initial is None else _moved(pose, initial, middle)
     return PlacementEvidence(
         map_kind=problem.target.kind,
         converged=best.end.converged,
@@ -102,7 +102,8 @@ def gather_evidence(
         self_hidden_share=_self_hidden(problem, best.fit, pose),
         unreachable_share=_unreachable(problem, best.fit, pose),
         astray_share=_astray(problem, best.fit, pose),
-        upright_surfaces=measure.upright_surfaces(best.fit, sided=faces),
+        upright_surfaces=len(measure.upright_planes(best.fit, best.fit.structure, sided=faces)),
+        closed_directions=_closed(best.fit) if faces else 0,
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
@@ -116,11 +117,22 @@ def gather_evidence(
     )
 
 
+def _moved(pose: Transform, initial: Transform, middle: NDArray[np.float64]) -> tuple[float, float]:
+    """Return how far a pose is from a rough one, at the scan's origin or its middle, and the turn [rad]."""
+    at_middle, turn = apart_at(pose, initial, middle)
+    return min(at_middle, apart_at(pose, initial, np.zeros(3))[0]), turn
+
+
 def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
     """Return the share of the points that the tablet would have had to see through a wall."""
     viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
     below = _below_the_walls_tops(problem, fit)
     return float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint))) if len(below) else 0.0
+
+
+def _closed(fit: measure.Fit) -> int:
+    """Return in how many directions the tablet stood between two walls of the map that it saw."""
+    return measure.closed_directions(measure.upright_planes(fit, fit.upright, sided=True))
 
 
 def _self_hidden(problem: Problem, fit: measure.Fit, pose: Transform) -> float:

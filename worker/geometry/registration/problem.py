@@ -49,7 +49,8 @@ class Problem:
         centre = self.centre(pose)
         key = (int(centre[0]), int(centre[1]))
         if key not in self._around:
-            self._around[key] = self.target.around(centre, self.scan.radius + 2.0 * MARGIN)
+            top = float(np.ptp(self.scan.fine[:, 2]))
+            self._around[key] = self.target.around(centre, self.scan.radius + 2.0 * MARGIN, top=top)
         if not len(self._around[key]):
             raise PlacementNotComputed(
                 f"The map has no surface within {self.scan.radius + MARGIN:.1f} m of the rough pose "

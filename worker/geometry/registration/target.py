@@ -129,13 +129,17 @@ class PlacementTarget:
             return np.zeros(len(points), dtype=bool)
         return self.faces.hidden_from(viewpoint[:2], points[:, :2], clearance=clearance)
 
-    def around(self, centre: NDArray[np.float64], radius: float) -> Surfaces:
-        """Return the surfaces within `radius` [m] of `centre` (3,), seen from above."""
+    def around(self, centre: NDArray[np.float64], radius: float, *, top: float = 0.0) -> Surfaces:
+        """Return the surfaces within `radius` [m] of `centre` (3,), seen from above.
+
+        A drawing does not tell how high its walls are: where no ceiling is known they go on up to `top` [m].
+        """
         cloud = _cloud_surfaces(self.near(centre, radius))
         if self.faces is None:
             return cloud
+        height = self.wall_height if self.ceiling else max(self.wall_height, top)
         parts = [
-            _walls(self.faces, centre, radius, self.wall_height),
+            _walls(self.faces, centre, radius, height),
             _plane(centre, radius, 0.0, 1.0),
         ]
         if self.ceiling:
