@@ -16,6 +16,7 @@ from service import crash_points
 from service.db.jobs import Attempt
 from service.db.models import Layer, Placement, Scan
 from service.domain.bounds import Bounds
+from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
 from worker.formats.scan import read_upright_scan
@@ -55,6 +56,8 @@ class LayerSource:
     scan_id: str
     scan_sha256: str
     T_map_scan: Transform
+    labels_sha256: str | None
+    part: LayerPart
 
     def to_json(self) -> dict[str, Any]:
         """Return the source as a JSON object, for a report."""
@@ -63,6 +66,8 @@ class LayerSource:
             "scan_id": self.scan_id,
             "scan_sha256": self.scan_sha256,
             "T_map_scan": self.T_map_scan.tolist(),
+            "labels_sha256": self.labels_sha256,
+            "part": self.part.to_json(),
         }
 
 
@@ -98,7 +103,7 @@ class JobContext:
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's layers are made from, in their order."""
         wanted = (
-            select(Layer.name, Scan.id, Scan.blob_sha256, Placement.T_map_scan)
+            select(Layer, Scan.blob_sha256, Placement)
             .join(Scan, Scan.id == Layer.scan_id)
             .join(Placement, Placement.id == Layer.placement_id)
             .where(Layer.revision_id == revision_id)
@@ -107,11 +112,19 @@ class JobContext:
         with self.kernel.db.reading() as session:
             rows = session.execute(wanted).all()
         return [
-            LayerSource(name, scan_id, sha256, Transform(np.array(T))) for name, scan_id, sha256, T in rows
+            LayerSource(
+                layer.name,
+                layer.scan_id,
+                sha256,
+                Transform(np.array(placement.T_map_scan)),
+                placement.labels_sha256,
+                WHOLE if layer.part is None else LayerPart.from_json(layer.part),
+            )
+            for layer, sha256, placement in rows
         ]
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
-        """Return the whole scan of a layer in frame `map`, without the points that stand alone.
+        """Return the part of a scan that a layer holds, in frame `map`, without the points that stand alone.
 
         Raises
         ------
@@ -119,5 +132,9 @@ class JobContext:
             If the scan cannot be read; the leaf tells why.
         """
         upright = read_upright_scan(self.kernel.blobs.path(source.scan_sha256), self.bounds)
-        points = upright.scan.points[~upright.outliers]
-        return PlacedLayer(source.name, PointCloud.of(source.T_map_scan.apply(points), Label.LAYER))
+        points = source.T_map_scan.apply(upright.scan.points)
+        labels = np.where(upright.outliers, OUTLIER, TARGET).astype(np.uint8)
+        if source.labels_sha256 is not None:
+            labels = np.load(self.kernel.blobs.path(source.labels_sha256), allow_pickle=False)
+        taken = source.part.of(points, labels)
+        return PlacedLayer(source.name, PointCloud.of(points[taken], Label.LAYER))

@@ -207,7 +207,7 @@ class Revision(Base):
 
 
 class Layer(Base):
-    """A placed scan in a revision, in the order in which it is compounded."""
+    """A placed scan in a revision, in the order in which it is compounded; `part` null is all of it."""
 
     __tablename__ = "layers"
     __table_args__ = (UniqueConstraint("revision_id", "position"),)
@@ -218,6 +218,7 @@ class Layer(Base):
     name: Mapped[str] = mapped_column(Name)
     scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"))
     placement_id: Mapped[str] = mapped_column(ForeignKey("placements.id"))
+    part: Mapped[dict[str, Any] | None]
 
 
 class Artifact(Base):

@@ -33,7 +33,7 @@ class AcceptancePolicy:
         Fewer distinct walls than this leave room for a wrong pose that fits as well.
     largest_contradicted_share : float
         More points than this behind walls of the map, as seen from where the tablet was, speak against the
-        pose: of right ones it is mostly under 1 %.
+        pose: of right ones there are none, but for what mirrors and windows make.
     largest_astray_share : float
         More structure than this on no wall and in no room of the map speaks against the pose: an object
         stands in a room, what a wrong pose leaves over often does not.
@@ -46,10 +46,10 @@ class AcceptancePolicy:
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
-    closed_contradicted_share, closed_astray_share : float
-        Where the scan lies between facing walls of the map in both directions, with no more than these
-        against it, what is left over stands in that room: a full store hides most of its walls. Of wrong
-        poses next to none is so.
+    closed_astray_share : float
+        Where the scan lies between facing walls of the map in both directions, with no more than this and
+        no contradiction against it, what is left over stands in that room: a full store hides most of its
+        walls. Of wrong poses next to none is so.
     closed_inlier_share, closed_share_of_all, closed_sensitivity_m, closed_rival : float
         What is asked there in place of the other limits; a rival explains this much of what the pose does.
     runner_up_margin : float
@@ -70,12 +70,11 @@ class AcceptancePolicy:
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
-    largest_contradicted_share: float = 0.0125
+    largest_contradicted_share: float = 0.0005
     largest_astray_share: float = 0.04
     least_self_hidden_share: float = 0.05
     largest_unreachable_share: float = 0.01
     largest_sensitivity_m: float = 0.045
-    closed_contradicted_share: float = 0.01
     closed_astray_share: float = 0.01
     closed_inlier_share: float = 0.15
     closed_share_of_all: float = 0.25
@@ -136,7 +135,7 @@ def _closed(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
     """Return whether facing walls of the map hold the scan both ways, and nothing speaks against it."""
     return (
         e.closed_directions == 2
-        and e.contradicted_share <= policy.closed_contradicted_share
+        and e.contradicted_share <= policy.largest_contradicted_share
         and e.astray_share <= policy.closed_astray_share
     )
 
@@ -193,7 +192,7 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
     )
     if e.contradicted_share > policy.largest_contradicted_share + excused:
         doubts.append(
-            f"{e.contradicted_share:.0%} of the points would have been seen through the map's walls."
+            f"{e.contradicted_share:.1%} of the points would have been seen through the map's walls."
         )
     if e.astray_share > policy.largest_astray_share + excused:
         doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")

@@ -57,7 +57,8 @@ class PlacementEvidence:
         Square roots of its worst level direction and of its turn about the vertical.
     contradicted_share : float
         Share of all points, floor and furniture too, that stand behind a wall of the map as seen from where
-        the tablet was. One carried through a door sees such things rightly; 0 on a cloud, which has no walls.
+        the tablet was, and would if the wall stood 15 cm elsewhere. One carried through a door sees such
+        things rightly; 0 on a cloud, which has no walls.
     self_hidden_share : float
         Share of all points that the scan's own walls hide from where the tablet was: next to none if it stood
         still, and those of the other rooms if it walked.

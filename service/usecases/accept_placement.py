@@ -8,6 +8,7 @@ from service.db.models import Placement
 from service.db.uploads import find_scan_row
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable
+from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import Role
 from service.domain.recipe import Recipe
 from service.usecases.kernel import Kernel
@@ -31,6 +32,7 @@ def accept_placement(
     placement_id: str,
     reviewed: bool,
     name: str | None = None,
+    part: LayerPart | None = None,
 ) -> Revised:
     """Return a new revision: the map's latest with the placed scan on top, and its job.
 
@@ -42,6 +44,8 @@ def accept_placement(
         Whether a person has looked at a placement that needs a review.
     name : str, optional
         What people call the layer; by default the scan's file name.
+    part : LayerPart, optional
+        Which of the scan's points are taken; by default the target, what the map does not explain.
 
     Raises
     ------
@@ -64,6 +68,8 @@ def accept_placement(
         raise PlacementNotAcceptable(
             f"The placement {row.id} is a layer of revision {base.n} already.", verdict=row.verdict, n=base.n
         )
+    taken = (part or LayerPart()).to_json()
+    new = PlannedLayer(name or _file_name(session, row), row.scan_id, row.id, taken)
     return add_revision(
         kernel,
         session,
@@ -72,7 +78,7 @@ def accept_placement(
         map_id=row.map_id,
         reading=kept_reading(base),
         recipe=Recipe.from_json(base.recipe),
-        layers=_with(layers, PlannedLayer(name or _file_name(session, row), row.scan_id, row.id)),
+        layers=_with(layers, new),
     )
 
 

@@ -23,6 +23,7 @@ from service.domain.errors import (
     ScaleUnknown,
     StaleBase,
 )
+from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import JobKind, RevisionStatus, Role
 from service.domain.recipe import Recipe
 from service.usecases.kernel import Kernel
@@ -43,11 +44,14 @@ class WantedLayer:
         What people call the layer.
     reviewed : bool
         Whether a person has looked at a placement that needs a review.
+    part : LayerPart
+        Which of the scan's points it holds.
     """
 
     placement_id: str
     name: str
     reviewed: bool = False
+    part: LayerPart = field(default_factory=LayerPart)
 
 
 @dataclass(frozen=True)
@@ -87,6 +91,7 @@ class PlannedLayer:
     name: str
     scan_id: str
     placement_id: str
+    part: dict[str, Any] | None
 
 
 @dataclass(frozen=True)
@@ -180,7 +185,7 @@ def latest_base(session: Session, map_id: str, *, base: int | None) -> Revision:
 def kept_layers(session: Session, base: Revision) -> list[PlannedLayer]:
     """Return the layers of a revision, to be taken over by another."""
     rows = table.layers_of(session, [base.id])[base.id]
-    return [PlannedLayer(row.name, row.scan_id, row.placement_id) for row in rows]
+    return [PlannedLayer(row.name, row.scan_id, row.placement_id, row.part) for row in rows]
 
 
 def kept_reading(base: Revision) -> BaseReading:
@@ -232,6 +237,7 @@ def add_revision(
             name=layer.name,
             scan_id=layer.scan_id,
             placement_id=layer.placement_id,
+            part=layer.part,
         )
         for position, layer in enumerate(layers)
     ]
@@ -268,5 +274,5 @@ def _plan(session: Session, map_id: str, wanted: Sequence[WantedLayer]) -> list[
         if placement is None or placement.map_id != map_id:
             raise PlacementNotFound(f"The map {map_id} has no placement {layer.placement_id}.")
         require_acceptable(placement, reviewed=layer.reviewed)
-        planned.append(PlannedLayer(layer.name, placement.scan_id, placement.id))
+        planned.append(PlannedLayer(layer.name, placement.scan_id, placement.id, layer.part.to_json()))
     return planned

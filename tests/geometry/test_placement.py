@@ -13,10 +13,11 @@ import pytest
 
 from service.domain.acceptance import judge
 from service.domain.errors import FileEmpty, PlacementNotComputed
+from service.domain.layer_part import REFERENCE, TARGET
 from service.domain.transform import Transform
 from tests.geometry.rooms import a_case, box, error_of, inside, off
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.registration.place import REFERENCE, TARGET, place_scan
+from worker.geometry.registration.place import place_scan
 from worker.geometry.registration.target import PlacementTarget
 
 STARTS = [(0.5, 0.0, 8.0), (-0.5, 0.3, -8.0), (0.0, -0.7, 5.0), (-0.4, -0.4, 10.0), (0.0, 0.0, 0.0)]

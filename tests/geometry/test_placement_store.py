@@ -8,12 +8,13 @@ import numpy as np
 import pytest
 
 from service.domain.acceptance import judge
+from service.domain.layer_part import TARGET
 from service.domain.transform import Transform
 from tests.geometry.rooms import HEIGHT, a_case, error_of, inside, off, walls
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.lidar.scene import Scene, turned_box
 from worker.geometry.lidar.tablet import TabletPath, TabletScan, TabletSensor, scan_with_tablet
-from worker.geometry.registration.place import TARGET, place_scan
+from worker.geometry.registration.place import place_scan
 from worker.geometry.registration.target import PlacementTarget
 
 LONG, WIDE, TALL = 16.0, 11.0, 4.0

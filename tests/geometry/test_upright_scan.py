@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from service.domain.layer_part import OUTLIER
 from service.domain.scan_options import UNITS, ScanOptions
 from service.domain.transform import Transform
 from tests.geometry.rooms import HEIGHT, a_case
 from worker.formats.scan import read_upright_scan
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.registration.place import place_scan
-from worker.geometry.registration.place_upright import OUTLIER, place_upright_scan
+from worker.geometry.registration.place_upright import place_upright_scan
 from worker.geometry.scan.file_scan import FileScan, Statement
 from worker.geometry.scan.mesh_sampling import Mesh, sample_mesh
 from worker.geometry.scan.up_axis import turn_upright

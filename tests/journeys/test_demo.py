@@ -14,6 +14,7 @@ import pytest
 
 from tests.factories import synthetic_hall
 from worker.formats.pcd import read_pcd
+from worker.geometry.cloud.point_cloud import Label
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -44,6 +45,9 @@ def test_the_demo_ends_with_revision_2_published_and_its_download_verified(tmp_p
     before, after = (machine.holds(read_pcd(file).points, margin=0.05).sum() for file in files)
     assert before == 0
     assert after > 1000
+    added = read_pcd(files[1])
+    layer = added.points[added.labels == Label.LAYER]
+    assert machine.holds(layer, margin=0.05).mean() > 0.8, "only what the map does not explain is compounded"
     assert (folder / "preview-revision-2.png").read_bytes().startswith(b"\x89PNG")
 
 

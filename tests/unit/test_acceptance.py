@@ -64,7 +64,7 @@ def test_one_doubt_is_enough_for_a_review(change: dict[str, Any], words: str) ->
 
 def test_a_tablet_that_walked_has_seen_behind_walls_rightly() -> None:
     assert judge(replace(GOOD, contradicted_share=0.4)).verdict == "needs-review"
-    walked = replace(GOOD, contradicted_share=0.4, self_hidden_share=0.39)
+    walked = replace(GOOD, contradicted_share=0.39, self_hidden_share=0.4)
     assert judge(walked).verdict == "accepted"
     assert judge(replace(walked, unreachable_share=0.05)).verdict == "needs-review"
 

@@ -82,14 +82,21 @@ def accept(
 ) -> Response:
     """Take the placed scan into the map: a new revision, the latest one's layers and this.
 
-    A layer of the same scan is replaced. A placement that `needs-review` is taken only with
+    Only what the map does not explain is taken, unless `part` says otherwise. A layer of the same scan
+    is replaced. A placement that `needs-review` is taken only with
     `"reviewed": true`. Needs a tablet or admin key.
     """
     wanted = body or AcceptIn()
 
     def act(session: Session) -> Answered:
         made = accept_placement(
-            kernel, session, actor, placement_id=placement_id, reviewed=wanted.reviewed, name=wanted.name
+            kernel,
+            session,
+            actor,
+            placement_id=placement_id,
+            reviewed=wanted.reviewed,
+            name=wanted.name,
+            part=wanted.part.part(),
         )
         revision = made.shown.revision
         where = f"/v1/maps/{revision.map_id}/revisions/{revision.n}"

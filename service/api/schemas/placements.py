@@ -9,6 +9,7 @@ from pydantic import Field
 
 from service.api.schemas.base import Input, JsonObject, Number, Output, Text
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.revisions import LayerPartIn
 from service.db.models import Placement
 from service.domain.rough_pose import RoughPose
 from service.usecases.place import Asked, WantedPlacement
@@ -56,6 +57,9 @@ class AcceptIn(Input):
         False, description="A person has looked at a placement that needs a review.", strict=True
     )
     name: Text | None = Field(None, description="Name of the layer; by default the scan's file name.")
+    part: LayerPartIn = Field(
+        default_factory=LayerPartIn, description="Which points are taken; by default the target alone."
+    )
 
 
 class PlacementOut(Output):

@@ -3,17 +3,29 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
 from service.api.schemas.base import Identifier, Input, JsonObject, Number, Output, Text
 from service.api.schemas.jobs import JobOut
 from service.db.models import Artifact
+from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import RevisionStatus
+from service.domain.region import MAX_REGIONS, MAX_VERTICES
 from service.usecases.publish import Published
 from service.usecases.revise import Revised, Wanted, WantedLayer
 from service.usecases.revisions import Shown
+
+
+class RegionIn(Input):
+    """A polygon seen from above, in frame `map`, between two heights if they are given."""
+
+    within: list[Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
+        min_length=3, max_length=MAX_VERTICES, description="Corners [x, y], in metres."
+    )
+    z_min_m: Number | None = None
+    z_max_m: Number | None = None
 
 
 class MapFromDrawingIn(Input):
@@ -36,6 +48,24 @@ class RecipeIn(Input):
     map_from_drawing: MapFromDrawingIn = MapFromDrawingIn()
 
 
+class LayerPartIn(Input):
+    """Which of a placed scan's points a layer holds."""
+
+    points: Literal["target", "all"] = Field(
+        "target", description="What the map did not explain when the scan was placed, or every point."
+    )
+    include: list[RegionIn] = Field(
+        default_factory=list, max_length=MAX_REGIONS, description="Where all points are taken too."
+    )
+    exclude: list[RegionIn] = Field(
+        default_factory=list, max_length=MAX_REGIONS, description="Where no point is taken; comes last."
+    )
+
+    def part(self) -> LayerPart:
+        """Return the part as the use cases take it."""
+        return LayerPart.from_json(self.model_dump(exclude_none=True))
+
+
 class LayerIn(Input):
     """A placed scan that the revision is to contain."""
 
@@ -44,6 +74,7 @@ class LayerIn(Input):
     reviewed: bool = Field(
         False, description="A person has looked at a placement that needs a review.", strict=True
     )
+    part: LayerPartIn = LayerPartIn()
 
 
 class RevisionIn(Input):
@@ -63,7 +94,7 @@ class RevisionIn(Input):
         layers = (
             None
             if self.layers is None
-            else [WantedLayer(layer.placement_id, layer.name, layer.reviewed) for layer in self.layers]
+            else [WantedLayer(x.placement_id, x.name, x.reviewed, x.part.part()) for x in self.layers]
         )
         recipe = self.recipe.model_dump(exclude_unset=True)
         return Wanted(base=self.base, drawing_id=self.drawing_id, recipe=recipe, layers=layers)
@@ -75,6 +106,9 @@ class LayerOut(Output):
     name: str
     scan_id: str
     placement_id: str
+    part: JsonObject | None = Field(
+        description="Which of the scan's points it holds; null, all of them, in layers of the first days."
+    )
 
 
 class RevisionOut(Output):

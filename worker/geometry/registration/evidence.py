@@ -22,7 +22,7 @@ from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
 
-_SEEN_THROUGH = 2.0
+_SEEN_THROUGH, _GIVE = 2.0, 0.15
 _SECTOR, _EYE_HEIGHT, _BEHIND = np.deg2rad(2.0), (1.2, 1.9), 0.4
 _FLOOR, _STRIDE, _MOST_PLACES = 0.15, 1.0, 60
 
@@ -124,10 +124,17 @@ def _moved(pose: Transform, initial: Transform, middle: NDArray[np.float64]) -> 
 
 
 def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
-    """Return the share of the points that the tablet would have had to see through a wall."""
+    """Return the share of the points that the tablet would have had to see through a wall.
+
+    Not just past its edge: a door's jamb may stand 15 cm from where it is drawn.
+    """
     viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
     below = _below_the_walls_tops(problem, fit)
-    return float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint))) if len(below) else 0.0
+    return (
+        float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint, give=_GIVE)))
+        if len(below)
+        else 0.0
+    )
 
 
 def _closed(fit: measure.Fit) -> int:
@@ -170,7 +177,7 @@ def _unreachable(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
     eyes = [pose.apply(problem.scan.viewpoint[None])[0]]
     while eyes and hidden.any():
         eye = eyes.pop()
-        hidden[hidden] = problem.target.seen_through(below[hidden], viewpoint=eye)
+        hidden[hidden] = problem.target.seen_through(below[hidden], viewpoint=eye, give=_GIVE)
         visible = np.flatnonzero(unseen)[
             ~problem.target.seen_through(places[unseen], viewpoint=eye, clearance=0.0)
         ]

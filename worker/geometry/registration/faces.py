@@ -74,7 +74,12 @@ class Faces:
         return feet[seen], outward[seen]
 
     def hidden_from(
-        self, eye: NDArray[np.float64], points: NDArray[np.float64], *, clearance: float = 0.25
+        self,
+        eye: NDArray[np.float64],
+        points: NDArray[np.float64],
+        *,
+        clearance: float = 0.25,
+        give: float = 0.0,
     ) -> NDArray[np.bool_]:
         """Return which points stand behind a face, seen from `eye`.
 
@@ -86,10 +91,14 @@ class Faces:
             [m].
         clearance : float
             The face is crossed at least so far before the point [m].
+        give : float
+            And it would be so if the faces stood this much to any side of where they are drawn [m].
         """
-        return _crossed(
-            self.begin, self.end, np.ascontiguousarray(eye), np.ascontiguousarray(points), 0.0, -clearance
-        )
+        hidden = np.ones(len(points), dtype=np.bool_)
+        for aside in np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])[: 5 if give else 1] * give:
+            left = np.ascontiguousarray(points[hidden] + aside)
+            hidden[hidden] = _crossed(self.begin, self.end, eye + aside, left, 0.0, -clearance)
+        return hidden
 
     def backs(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (N, 2) [m] have a face behind them, seen from `eye` (2,)."""

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from service.domain.errors import PlacementNotComputed
 from service.domain.evidence import PlacementEvidence
+from service.domain.layer_part import REFERENCE, TARGET
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.registration import measure
@@ -28,8 +29,6 @@ from worker.geometry.registration.target import PlacementTarget
 
 Progress = Callable[[str, float], None]
 
-TARGET, REFERENCE = 0, 1
-"""Labels of a scan's points: not explained by the map, and explained by it."""
 _MOST_CANDIDATES = 6
 _WORTH = 0.7
 _ROUGH_RADIUS, _ROUGH_TURN = 3.2, np.deg2rad(48.0)

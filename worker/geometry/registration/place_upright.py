@@ -6,13 +6,11 @@ from dataclasses import replace
 
 import numpy as np
 
+from service.domain.layer_part import OUTLIER
 from service.domain.transform import Transform
 from worker.geometry.registration.place import Placed, Progress, place_scan
 from worker.geometry.registration.target import PlacementTarget
 from worker.geometry.scan.upright import UprightScan
-
-OUTLIER = 2
-"""Label of a point of the scan that stands alone; beside `TARGET` and `REFERENCE`."""
 
 
 def place_upright_scan(

@@ -107,7 +107,12 @@ class PlacementTarget:
         return near
 
     def seen_through(
-        self, points: NDArray[np.float64], *, viewpoint: NDArray[np.float64], clearance: float = 0.25
+        self,
+        points: NDArray[np.float64],
+        *,
+        viewpoint: NDArray[np.float64],
+        clearance: float = 0.25,
+        give: float = 0.0,
     ) -> NDArray[np.bool_]:
         """Return which points stand behind a wall of the map as seen from the tablet.
 
@@ -119,6 +124,8 @@ class PlacementTarget:
             Where the tablet was [m]. A tablet that walked around a corner has seen behind it rightly.
         clearance : float
             The wall is crossed at least so far before the point [m].
+        give : float
+            And it would be so if the walls stood this much to any side of where the map has them [m].
 
         Returns
         -------
@@ -127,7 +134,7 @@ class PlacementTarget:
         """
         if self.faces is None or not len(points):
             return np.zeros(len(points), dtype=bool)
-        return self.faces.hidden_from(viewpoint[:2], points[:, :2], clearance=clearance)
+        return self.faces.hidden_from(viewpoint[:2], points[:, :2], clearance=clearance, give=give)
 
     def around(self, centre: NDArray[np.float64], radius: float, *, top: float = 0.0) -> Surfaces:
         """Return the surfaces within `radius` [m] of `centre` (3,), seen from above.
