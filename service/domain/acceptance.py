@@ -50,7 +50,7 @@ class AcceptancePolicy:
         Where the scan lies between facing walls of the map in both directions, with no more than this and
         no contradiction against it, what is left over stands in that room: a full store hides most of its
         walls. Of wrong poses next to none is so.
-    closed_inlier_share, closed_share_of_all, closed_sensitivity_m, closed_rival : float
+    closed_inlier_share, closed_share_of_all, closed_residual_m, closed_sensitivity_m, closed_rival : float
         What is asked there in place of the other limits; a rival explains this much of what the pose does.
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
@@ -78,10 +78,11 @@ class AcceptancePolicy:
     closed_astray_share: float = 0.01
     closed_inlier_share: float = 0.15
     closed_share_of_all: float = 0.25
+    closed_residual_m: float = 0.04
     closed_sensitivity_m: float = 0.06
     closed_rival: float = 0.7
     runner_up_margin: float = 0.1
-    contradiction_weight: float = 2.0
+    contradiction_weight: float = 10.0
     least_agreement: float = 0.4
     largest_move_m: float = 3.5
     largest_turn_rad: float = math.radians(50.0)
@@ -179,9 +180,8 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
         doubts.append(
             f"{e.inlier_share:.0%} of all points lie on the map; {expected_of_all:.0%} are expected."
         )
-    if not e.residual_median_m <= (
-        policy.accepted_residual_m if faces else policy.accepted_residual_on_cloud_m
-    ):
+    residual = policy.accepted_residual_m if faces else policy.accepted_residual_on_cloud_m
+    if not e.residual_median_m <= (policy.closed_residual_m if closed else residual):
         doubts.append(
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
