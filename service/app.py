@@ -23,6 +23,7 @@ from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.metrics import Metrics
+from service.api.polling import Polling
 from service.api.routes import (
     artifacts,
     drawings,
@@ -33,6 +34,7 @@ from service.api.routes import (
     placements,
     published,
     revisions,
+    robots,
     scans,
     tus,
 )
@@ -55,6 +57,7 @@ _ROUTERS = (
     revisions.router,
     artifacts.router,
     published.router,
+    robots.router,
     placements.router,
     tus.router,
     jobs.router,
@@ -168,6 +171,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     )
     app.state.kernel = kernel
     app.state.metrics = metrics
+    app.state.polling = Polling(kernel)
     app.state.routers = _ROUTERS
     app.state.public_url = settings.public_url
     app.state.stopping = threading.Event()

@@ -23,6 +23,10 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "place-scan",
         "accept-placement",
         "publish",
+        "ask-delta",
+        "enrol-robot",
+        "change-robot",
+        "take-report",
         "cancel-job",
         "retry-job",
         "forget-answers",
@@ -42,6 +46,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "record-scan-reading",
         "record-placement",
         "record-revision",
+        "record-delta",
     }
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""

@@ -12,6 +12,7 @@ from worker.context import JobContext
 from worker.geometry.drawing.raster.read import read_raster
 from worker.geometry.drawing.scale.decision import given
 from worker.handlers.build_revision import build_revision
+from worker.handlers.make_delta import make_delta
 from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing
 from worker.handlers.read_scan import read_scan
@@ -21,6 +22,7 @@ HANDLERS: Mapping[JobKind, Callable[[JobContext], None]] = {
     JobKind.READ_SCAN: read_scan,
     JobKind.PLACE_SCAN: place_scan,
     JobKind.BUILD_REVISION: build_revision,
+    JobKind.MAKE_DELTA: make_delta,
 }
 
 

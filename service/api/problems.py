@@ -24,6 +24,7 @@ from service.domain.errors import (
     DomainError,
     Forbidden,
     InvalidRequest,
+    LinkNotValid,
     NotFound,
     PointerMoved,
     Rejected,
@@ -45,6 +46,7 @@ _RETRY_AFTER_S = 2
 STATUSES: Mapping[type[DomainError], int] = {
     Unauthenticated: 401,
     Forbidden: 403,
+    LinkNotValid: 403,
     NotFound: 404,
     UploadExpired: 410,
     UploadBusy: 423,

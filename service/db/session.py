@@ -53,6 +53,8 @@ class Database:
 
     def __init__(self, engine: Engine) -> None:
         self.engine = engine
+        self.writes = 0
+        """Counts the transactions of this process that were committed: whoever caches rows looks at it."""
 
     @property
     def is_sqlite(self) -> bool:
@@ -81,6 +83,7 @@ class Database:
                 crash_points.reach(f"{point}.before-commit")
         except (OperationalError, PoolTimeout) as error:
             raise _busy(error) from error
+        self.writes += 1
         crash_points.reach(f"{point}.after-commit")
 
     @contextmanager

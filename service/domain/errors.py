@@ -92,6 +92,15 @@ class Forbidden(Denied):
     title = "The key does not allow this"
 
 
+class LinkNotValid(Denied):
+    """The signed link was altered, has expired, or was signed with a key that is no longer valid.
+
+    Ask for a new one by `GET /v1/maps/{map_id}/revisions/{n}/link`.
+    """
+
+    title = "The link is not valid"
+
+
 class MapNotFound(NotFound):
     """No map with this id exists, or the key does not cover it."""
 
@@ -126,6 +135,12 @@ class ArtifactNotFound(NotFound):
     """The revision, drawing or scan has no file of this name."""
 
     title = "No such file"
+
+
+class RobotNotFound(NotFound):
+    """No robot with this id exists, or the key does not cover its map."""
+
+    title = "No such robot"
 
 
 class JobNotFound(NotFound):
@@ -462,6 +477,15 @@ class StorageFull(Unavailable):
     """The server's disk is full; an admin has to make room. Nothing of the upload was kept."""
 
     title = "The storage is full"
+
+
+class DeltaNotReady(Unavailable):
+    """The delta between the two revisions is being made, or could not be made; `job_id` names its job.
+
+    Ask again after the `Retry-After` seconds. Who cannot wait takes the changed tiles or the whole file.
+    """
+
+    title = "The delta is not ready"
 
 
 class NotReady(Unavailable):

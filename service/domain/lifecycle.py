@@ -12,6 +12,7 @@ class JobKind(StrEnum):
     READ_SCAN = "read-scan"
     PLACE_SCAN = "place-scan"
     BUILD_REVISION = "build-revision"
+    MAKE_DELTA = "make-delta"
 
 
 class JobState(StrEnum):
@@ -34,6 +35,15 @@ class RevisionStatus(StrEnum):
 
     BUILDING = "building"
     READY = "ready"
+    FAILED = "failed"
+
+
+class RobotState(StrEnum):
+    """How far a robot has come with a revision, in its own words."""
+
+    DOWNLOADED = "downloaded"
+    VERIFIED = "verified"
+    ENABLED = "enabled"
     FAILED = "failed"
 
 

@@ -48,7 +48,8 @@ def authenticate(session: Session, secret: str | None, *, now: datetime) -> Acto
     """
     if not secret:
         raise Unauthenticated("Send an API key: `Authorization: Bearer gp_...`.")
-    key = table.find_by_digest(session, _digest(secret)) if len(secret) <= _MAX_SECRET_CHARACTERS else None
+    digest = secret_digest(secret[:_MAX_SECRET_CHARACTERS])
+    key = table.find_by_digest(session, digest) if len(secret) <= _MAX_SECRET_CHARACTERS else None
     if key is None:
         raise Unauthenticated("The API key is not known here.")
     if key.revoked_at is not None:
@@ -184,7 +185,7 @@ def _require_key_admin(actor: Actor) -> None:
 def _new_key(kernel: Kernel, key_id: str, *, name: str, role: Role, root: str | None = None) -> NewKey:
     random = _encoded(kernel.entropy(_SECRET_BYTES))
     secret = random if root is None else derived_secret(root, key_id=key_id)
-    row = Key(id=key_id, name=name, role=role.value, digest=_digest(secret), created_at=kernel.now())
+    row = Key(id=key_id, name=name, role=role.value, digest=secret_digest(secret), created_at=kernel.now())
     return NewKey(row, secret)
 
 
@@ -192,5 +193,6 @@ def _encoded(secret: bytes) -> str:
     return _PREFIX + base64.urlsafe_b64encode(secret).decode().rstrip("=")
 
 
-def _digest(secret: str) -> str:
+def secret_digest(secret: str) -> str:
+    """Return what is kept of a secret: its SHA-256 (hex)."""
     return hashlib.sha256(secret.encode()).hexdigest()

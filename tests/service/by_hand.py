@@ -27,6 +27,7 @@ from service.usecases.record_scan_reading import record_scan_reading
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 CLOUD = bytes(range(256)) * 400
+NO_TILES = b'{"tile_size_m": 20, "tiles": []}'
 LEASE_S = 600.0
 
 

@@ -4,13 +4,18 @@ from __future__ import annotations
 
 from typing import Annotated, Any
 
-from fastapi import APIRouter, Header, Query, Response
+from fastapi import APIRouter, Header, Query, Request, Response
+from starlette.concurrency import run_in_threadpool
 
-from service.api.auth import AnyActor
+from service.api.auth import Presented
 from service.api.conditions import none_match
-from service.api.deps import BaseUrl, KernelDep, MapId
+from service.api.deps import MapId
+from service.api.polling import Polling
+from service.api.problems import base_url_of
 from service.api.schemas.revisions import Channel, PublishedOut
-from service.usecases import publish
+from service.usecases.kernel import Kernel
+from service.usecases.polling import Place, Polled, poll
+from service.usecases.publish import published
 
 router = APIRouter(prefix="/v1/maps/{map_id}", tags=["revisions"])
 
@@ -22,10 +27,9 @@ _UNCHANGED: dict[int | str, dict[str, Any]] = {
 
 @router.head("/published", include_in_schema=False)
 @router.get("/published", response_model=PublishedOut, responses=_UNCHANGED)
-def get_published(
-    kernel: KernelDep,
-    actor: AnyActor,
-    base_url: BaseUrl,
+async def get_published(
+    request: Request,
+    presented: Presented,
     map_id: MapId,
     *,
     channel: Annotated[Channel, Query(description="The channel that this robot follows.")] = "stable",
@@ -34,11 +38,36 @@ def get_published(
     ] = None,
 ) -> Response:
     """Tell which revision a robot should run, with its files. Made to be polled: send `If-None-Match`."""
+    polling: Polling = request.app.state.polling
+    secret = None if presented is None else presented.credentials
+    place = (map_id, channel)
+    if if_none_match is not None:
+        tag = await polling.tag(secret, place)
+        if tag is not None and not none_match(if_none_match, tag):
+            return _unchanged(tag)
+    token = polling.token()
+    found, answer = await run_in_threadpool(_from_database, request, secret, place, if_none_match)
+    assert secret is not None
+    polling.remember(token, secret, place, found)
+    return answer
+
+
+def _from_database(
+    request: Request, secret: str | None, place: Place, if_none_match: str | None
+) -> tuple[Polled, Response]:
+    kernel: Kernel = request.app.state.kernel
     with kernel.db.reading() as session:
-        pointer = publish.published_pointer(session, actor, map_id=map_id, channel=channel)
-        tag = publish.pointer_tag(pointer)
-        headers = {"ETag": f'"{tag}"', "Cache-Control": _POINTER_CACHING}
-        if not none_match(if_none_match, tag):
-            return Response(status_code=304, headers=headers)
-        found = PublishedOut.of(publish.published(session, pointer), base_url=base_url)
-    return Response(found.model_dump_json(), headers=headers, media_type="application/json")
+        found = poll(session, secret, place=place, now=kernel.now())
+        if not none_match(if_none_match, found.tag):
+            return found, _unchanged(found.tag)
+        told = PublishedOut.of(published(session, found.pointer), base_url=base_url_of(request))
+    headers = _headers(found.tag)
+    return found, Response(told.model_dump_json(), headers=headers, media_type="application/json")
+
+
+def _unchanged(tag: str) -> Response:
+    return Response(status_code=304, headers=_headers(tag))
+
+
+def _headers(tag: str) -> dict[str, str]:
+    return {"ETag": f'"{tag}"', "Cache-Control": _POINTER_CACHING}

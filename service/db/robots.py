@@ -1,0 +1,128 @@
+"""Robots: what they were told to have, and what they report to have."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from datetime import datetime
+
+from sqlalchemy import (
+    CheckConstraint,
+    ColumnElement,
+    ForeignKey,
+    Index,
+    Select,
+    String,
+    Text,
+    and_,
+    or_,
+    select,
+)
+from sqlalchemy.orm import Mapped, Session, mapped_column
+
+from service.db.models import Base, Channel, Id, Name, Sha256
+from service.domain.lifecycle import RobotState
+
+_STATES = f"IN ({', '.join(repr(str(state)) for state in RobotState)})"
+
+
+class Robot(Base):
+    """An enrolled device, the channel that it follows, and its latest report; `enabled_n` is what it runs."""
+
+    __tablename__ = "robots"
+    __table_args__ = (
+        CheckConstraint(f"state {_STATES}", name="state"),
+        Index(None, "map_id", "id"),
+    )
+
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    name: Mapped[str] = mapped_column(Name)
+    map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"))
+    channel: Mapped[str] = mapped_column(String(40))
+    group_name: Mapped[str | None] = mapped_column(String(40))
+    key_id: Mapped[str] = mapped_column(ForeignKey("keys.id"), unique=True)
+    created_at: Mapped[datetime]
+    enabled_n: Mapped[int | None]
+    state: Mapped[str | None] = mapped_column(String(16))
+    reported_n: Mapped[int | None]
+    reported_at: Mapped[datetime | None]
+    detail: Mapped[str | None] = mapped_column(Text)
+
+
+class RobotReport(Base):
+    """One report of a robot, as it came."""
+
+    __tablename__ = "robot_reports"
+    __table_args__ = (CheckConstraint(f"state {_STATES}", name="state"), Index(None, "robot_id", "id"))
+
+    id: Mapped[str] = mapped_column(Id, primary_key=True)
+    robot_id: Mapped[str] = mapped_column(ForeignKey("robots.id"))
+    revision_n: Mapped[int]
+    state: Mapped[str] = mapped_column(String(16))
+    sha256: Mapped[str | None] = mapped_column(Sha256)
+    detail: Mapped[str | None] = mapped_column(Text)
+    at: Mapped[datetime]
+
+
+def find_robot(session: Session, robot_id: str, *, lock: bool = False) -> Robot | None:
+    """Return the robot with this id, or None; with `lock` no other transaction changes it meanwhile."""
+    return session.get(Robot, robot_id, with_for_update=True if lock else None)
+
+
+def list_robots(
+    session: Session,
+    *,
+    covered: Collection[str] | None,
+    map_id: str | None,
+    channel: str | None,
+    group: str | None,
+    behind: bool | None,
+    after: str | None,
+    limit: int,
+) -> Sequence[tuple[Robot, int | None]]:
+    """Return up to `limit` robots in the order of their enrolment, each with the revision it should have.
+
+    Parameters
+    ----------
+    covered : collection of str, optional
+        Only robots of these maps.
+    behind : bool, optional
+        Only robots that do not run what their channel points to, or only those that do. A robot of a
+        channel on which nothing is published is not behind.
+    after : str, optional
+        From behind the robot with this id.
+    """
+    query = _with_pointer().order_by(Robot.id).limit(limit)
+    for column, value in ((Robot.map_id, map_id), (Robot.channel, channel), (Robot.group_name, group)):
+        if value is not None:
+            query = query.where(column == value)
+    if covered is not None:
+        query = query.where(Robot.map_id.in_(covered))
+    if behind is not None:
+        query = query.where(_is_behind() if behind else ~_is_behind())
+    if after is not None:
+        query = query.where(Robot.id > after)
+    return [(row[0], row[1]) for row in session.execute(query)]
+
+
+def wanted_revision(session: Session, robot: Robot) -> int | None:
+    """Return the revision that the robot's channel points to, or None."""
+    pointer = session.get(Channel, (robot.map_id, robot.channel))
+    return None if pointer is None else pointer.revision_n
+
+
+def list_reports(session: Session, robot_id: str, *, below: str | None, limit: int) -> Sequence[RobotReport]:
+    """Return up to `limit` reports of a robot, newest first, with ids below `below`."""
+    query = select(RobotReport).where(RobotReport.robot_id == robot_id).order_by(RobotReport.id.desc())
+    if below is not None:
+        query = query.where(RobotReport.id < below)
+    return session.scalars(query.limit(limit)).all()
+
+
+def _with_pointer() -> Select[Robot, int]:
+    same = and_(Channel.map_id == Robot.map_id, Channel.name == Robot.channel)
+    return select(Robot, Channel.revision_n).outerjoin(Channel, same)
+
+
+def _is_behind() -> ColumnElement[bool]:
+    runs_another = or_(Robot.enabled_n.is_(None), Robot.enabled_n != Channel.revision_n)
+    return and_(Channel.revision_n.is_not(None), runs_another)

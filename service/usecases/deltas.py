@@ -1,0 +1,165 @@
+"""Give a robot what a revision's cloud adds to the one that it holds; made once, by a job."""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+
+from sqlalchemy.orm import Session
+
+from service.db.blobs import record_blob
+from service.db.deltas import Delta, find_delta, is_cloud_of
+from service.db.job_lists import find_job
+from service.db.jobs import Attempt, enqueue, finish_succeeded
+from service.db.maps import find_map
+from service.db.revisions import find_artifact
+from service.domain.access import Actor
+from service.domain.errors import ArtifactNotFound, DeltaNotReady
+from service.domain.lifecycle import JobKind, JobState
+from service.storage.blobs import Stored
+from service.usecases.download import CLOUD_PATH, CodedForm, StoredFile
+from service.usecases.kernel import Kernel
+from service.usecases.maps import covered_map
+from service.usecases.revisions import ready_revision
+
+MEDIA_TYPE = "application/zstd"
+_RETRY_S, _RETRY_FAILED_S = 1, 3600
+_READ_BYTES = 1 << 20
+_DCZ_MAGIC = bytes.fromhex("5e2a4d1820000000")
+
+
+def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int) -> StoredFile:
+    """Return what the cloud of revision `n` adds to that of revision `from_n`, as a zstd frame.
+
+    Raises
+    ------
+    MapNotFound, RevisionNotFound, RevisionNotReady
+        As `ready_revision`, for either revision.
+    ArtifactNotFound
+        If one of them has no cloud.
+    DeltaNotReady
+        If it has still to be made: this call has asked for it; or if its job failed.
+    """
+    with kernel.db.reading() as session:
+        old, new = (_cloud_sha256(session, actor, map_id=map_id, n=k) for k in (from_n, n))
+        found = find_delta(session, from_sha256=old, to_sha256=new)
+        if found is not None and found.sha256 is not None:
+            return _file(kernel, found, name=f"revision-{from_n}-to-{n}.zst")
+    job_id = ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
+    with kernel.db.reading() as session:
+        job = find_job(session, job_id)
+        failed = job is not None and job.state in {JobState.FAILED, JobState.CANCELLED}
+    if failed:
+        raise DeltaNotReady(
+            f"The delta could not be made; its job is {job_id}. Take the changed tiles, or the whole file.",
+            job_id=job_id,
+            retry_after_s=_RETRY_FAILED_S,
+        )
+    raise DeltaNotReady(
+        "The delta is being made; ask again in a moment.", job_id=job_id, retry_after_s=_RETRY_S
+    )
+
+
+def ask_for_delta(kernel: Kernel, *, map_id: str, from_sha256: str, to_sha256: str) -> str:
+    """Return the id of the job that makes or made the delta; the first who asks begins it."""
+    with kernel.db.writing("ask-delta") as session:
+        find_map(session, map_id, lock=True)
+        found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
+        if found is not None:
+            return found.job_id
+        now, delta_id = kernel.now(), kernel.new_id("dlt")
+        job = enqueue(
+            session,
+            JobKind.MAKE_DELTA,
+            job_id=kernel.new_id("job"),
+            map_id=map_id,
+            subject_id=delta_id,
+            now=now,
+        )
+        session.add(
+            Delta(id=delta_id, from_sha256=from_sha256, to_sha256=to_sha256, job_id=job.id, created_at=now)
+        )
+        return job.id
+
+
+def dictionary_form(
+    kernel: Kernel, actor: Actor, *, map_id: str, held_sha256: str, wanted_sha256: str
+) -> CodedForm | None:
+    """Return the cloud `wanted_sha256` as what it adds to the one that the robot holds, if that is made.
+
+    If it is not, and the robot holds a cloud of the same map, this call has asked for it.
+
+    Raises
+    ------
+    MapNotFound
+        If there is no such map for the key.
+    """
+    with kernel.db.reading() as session:
+        covered_map(session, actor, map_id=map_id)
+        found = find_delta(session, from_sha256=held_sha256, to_sha256=wanted_sha256)
+        if found is not None:
+            return _form(kernel, found)
+        known = is_cloud_of(session, map_id, path=CLOUD_PATH, sha256=held_sha256)
+    if known:
+        ask_for_delta(kernel, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
+    return None
+
+
+def record_delta(
+    kernel: Kernel, session: Session, attempt: Attempt, *, stored: Stored, coded_sha256: str
+) -> None:
+    """Keep a delta that was made, in one transaction with the end of its job.
+
+    Parameters
+    ----------
+    stored : Stored
+        The delta, in the blob store already.
+    coded_sha256 : str
+        What `dcz_sha256` gives of it.
+
+    Raises
+    ------
+    LeaseLost
+        If the job is no longer this attempt's: nothing is recorded.
+    """
+    now = kernel.now()
+    finish_succeeded(session, attempt, now=now)
+    record_blob(session, stored.sha256, size_bytes=stored.size_bytes, media_type=MEDIA_TYPE, now=now)
+    row = session.get_one(Delta, attempt.subject_id)
+    row.sha256, row.size_bytes, row.coded_sha256 = stored.sha256, stored.size_bytes, coded_sha256
+
+
+def dcz_sha256(from_sha256: str, delta: Path) -> str:
+    """Return the SHA-256 (hex) of a delta as it goes out under the coding `dcz`."""
+    digest = hashlib.sha256(_dcz_head(from_sha256))
+    with delta.open("rb") as file:
+        while chunk := file.read(_READ_BYTES):
+            digest.update(chunk)
+    return digest.hexdigest()
+
+
+def _cloud_sha256(session: Session, actor: Actor, *, map_id: str, n: int) -> str:
+    revision = ready_revision(session, actor, map_id=map_id, n=n)
+    found = find_artifact(session, revision.id, path=CLOUD_PATH)
+    if found is None:
+        raise ArtifactNotFound(f"Revision {n} has no {CLOUD_PATH}.")
+    return found.sha256
+
+
+def _file(kernel: Kernel, row: Delta, *, name: str) -> StoredFile:
+    assert row.sha256 is not None
+    assert row.size_bytes is not None
+    return StoredFile(kernel.blobs.path(row.sha256), row.sha256, row.size_bytes, MEDIA_TYPE, name)
+
+
+def _form(kernel: Kernel, row: Delta) -> CodedForm | None:
+    if row.sha256 is None or row.size_bytes is None or row.coded_sha256 is None:
+        return None
+    head = _dcz_head(row.from_sha256)
+    path = kernel.blobs.path(row.sha256)
+    return CodedForm("dcz", path, row.coded_sha256, row.size_bytes + len(head), head)
+
+
+def _dcz_head(from_sha256: str) -> bytes:
+    """Return what stands before the frame in `dcz`: the dictionary's SHA-256, as RFC 9842 has it."""
+    return _DCZ_MAGIC + bytes.fromhex(from_sha256)

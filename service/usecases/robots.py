@@ -1,0 +1,242 @@
+"""Enrol robots, take their reports, and tell who is behind and why."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from enum import StrEnum
+
+from sqlalchemy.orm import Session
+
+from service.db import robots as table
+from service.db.robots import Robot, RobotReport
+from service.domain.access import Actor
+from service.domain.errors import RevisionNotFound, RobotNotFound
+from service.domain.lifecycle import RobotState, Role
+from service.usecases.kernel import Kernel
+from service.usecases.keys import NewKey, create_key
+from service.usecases.maps import covered_map
+
+_STAFF = (Role.TABLET, Role.ADMIN)
+
+
+class Progress(StrEnum):
+    """How far a robot has come with the revision that it should have."""
+
+    NOTHING_PUBLISHED = "nothing-published"
+    NEVER_REPORTED = "never-reported"
+    NOT_BEGUN = "not-begun"
+    NOT_ENABLED = "not-enabled"
+    FAILED = "failed"
+    UP_TO_DATE = "up-to-date"
+
+
+@dataclass(frozen=True)
+class Followed:
+    """Hold a robot with the revision that it should have; None when nothing is published on its channel."""
+
+    robot: Robot
+    wanted_n: int | None
+
+    @property
+    def progress(self) -> Progress:
+        """Return how far the robot has come; the latest report decides."""
+        robot = self.robot
+        if self.wanted_n is None:
+            return Progress.NOTHING_PUBLISHED
+        if robot.enabled_n == self.wanted_n:
+            return Progress.UP_TO_DATE
+        if robot.state is None:
+            return Progress.NEVER_REPORTED
+        if robot.reported_n != self.wanted_n:
+            return Progress.NOT_BEGUN
+        return Progress.FAILED if robot.state == RobotState.FAILED else Progress.NOT_ENABLED
+
+    @property
+    def is_behind(self) -> bool:
+        """Return whether the robot should run another revision than it does."""
+        return self.progress not in {Progress.NOTHING_PUBLISHED, Progress.UP_TO_DATE}
+
+
+@dataclass(frozen=True)
+class Enrolled:
+    """Hold a robot just enrolled, and its key, whose secret is shown once."""
+
+    followed: Followed
+    key: NewKey
+
+
+def enrol_robot(
+    kernel: Kernel,
+    session: Session,
+    actor: Actor,
+    *,
+    name: str,
+    map_id: str,
+    channel: str,
+    group: str | None,
+    root: str | None = None,
+) -> Enrolled:
+    """Return a new robot of a map with a key of its own, which covers that map alone.
+
+    Parameters
+    ----------
+    root : str, optional
+        As `create_key`.
+
+    Raises
+    ------
+    Forbidden
+        If the actor is no admin.
+    MapNotFound
+        If there is no such map for the key.
+    """
+    actor.require_role(Role.ADMIN)
+    covered_map(session, actor, map_id=map_id)
+    key = create_key(kernel, session, name=name, role=Role.ROBOT, map_ids=[map_id], root=root)
+    robot = Robot(
+        id=kernel.new_id("rob"),
+        name=name,
+        map_id=map_id,
+        channel=channel,
+        group_name=group,
+        key_id=key.key.id,
+        created_at=kernel.now(),
+    )
+    session.add(robot)
+    session.flush()
+    return Enrolled(_followed(session, robot), key)
+
+
+def change_robot(
+    session: Session, actor: Actor, *, robot_id: str, changes: dict[str, str | None]
+) -> Followed:
+    """Return the robot with another name, channel or group: what `changes` names.
+
+    Raises
+    ------
+    Forbidden
+        If the actor is no admin.
+    RobotNotFound
+        If there is no such robot for the key.
+    """
+    actor.require_role(Role.ADMIN)
+    robot = _found(session, actor, robot_id, others=(Role.ADMIN,), lock=True)
+    for column, value in changes.items():
+        setattr(robot, {"group": "group_name"}.get(column, column), value)
+    session.flush()
+    return _followed(session, robot)
+
+
+def take_report(
+    kernel: Kernel,
+    session: Session,
+    actor: Actor,
+    *,
+    robot_id: str,
+    revision_n: int,
+    state: RobotState,
+    sha256: str | None,
+    detail: str | None,
+) -> Followed:
+    """Return the robot after its report; the report is kept as it came.
+
+    Raises
+    ------
+    Forbidden
+        If the key is neither the robot's own nor an admin's.
+    RobotNotFound
+        If there is no such robot for the key.
+    RevisionNotFound
+        If the map never had this revision.
+    """
+    robot = _found(session, actor, robot_id, others=(Role.ADMIN,), lock=True)
+    if revision_n >= covered_map(session, actor, map_id=robot.map_id).next_revision:
+        raise RevisionNotFound(f"The map {robot.map_id} never had a revision {revision_n}.")
+    now = kernel.now()
+    report = RobotReport(
+        id=kernel.new_id("rep"),
+        robot_id=robot.id,
+        revision_n=revision_n,
+        state=state.value,
+        sha256=sha256,
+        detail=detail,
+        at=now,
+    )
+    session.add(report)
+    robot.state, robot.reported_n, robot.reported_at = state.value, revision_n, now
+    robot.detail = detail
+    if state is RobotState.ENABLED:
+        robot.enabled_n = revision_n
+    session.flush()
+    return _followed(session, robot)
+
+
+def show_robot(session: Session, actor: Actor, *, robot_id: str) -> Followed:
+    """Return a robot.
+
+    Raises
+    ------
+    Forbidden
+        If the key is another robot's.
+    RobotNotFound
+        If there is no such robot for the key.
+    """
+    return _followed(session, _found(session, actor, robot_id, others=_STAFF))
+
+
+def list_robots(
+    session: Session,
+    actor: Actor,
+    *,
+    map_id: str | None,
+    channel: str | None,
+    group: str | None,
+    behind: bool | None,
+    after: str | None,
+    limit: int,
+) -> list[Followed]:
+    """Return up to `limit` robots of the maps that the key covers, in the order of their enrolment."""
+    rows = table.list_robots(
+        session,
+        covered=actor.map_ids,
+        map_id=map_id,
+        channel=channel,
+        group=group,
+        behind=behind,
+        after=after,
+        limit=limit,
+    )
+    return [Followed(robot, wanted_n) for robot, wanted_n in rows]
+
+
+def list_reports(
+    session: Session, actor: Actor, *, robot_id: str, below: str | None, limit: int
+) -> Sequence[RobotReport]:
+    """Return up to `limit` reports of a robot, newest first.
+
+    Raises
+    ------
+    Forbidden, RobotNotFound
+        As `show_robot`.
+    """
+    robot = _found(session, actor, robot_id, others=_STAFF)
+    return table.list_reports(session, robot.id, below=below, limit=limit)
+
+
+def _found(
+    session: Session, actor: Actor, robot_id: str, *, others: Sequence[Role], lock: bool = False
+) -> Robot:
+    """Return a robot, for its own key and for keys of the roles `others`."""
+    robot = table.find_robot(session, robot_id, lock=lock)
+    missing = RobotNotFound(f"There is no robot {robot_id}, or this key does not cover its map.")
+    if robot is None:
+        raise missing
+    actor.require_map(robot.map_id, otherwise=missing)
+    if actor.key_id != robot.key_id:
+        actor.require_role(*others)
+    return robot
+
+
+def _followed(session: Session, robot: Robot) -> Followed:
+    return Followed(robot, table.wanted_revision(session, robot))
