@@ -24,6 +24,7 @@ from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.metrics import Metrics
 from service.api.polling import Polling
+from service.api.polls import Polls
 from service.api.routes import (
     artifacts,
     drawings,
@@ -71,11 +72,15 @@ _SWEEP_EVERY_S = 600.0
 
 
 class Application(FastAPI):
-    """The application with `Edge` around everything, its answers to defects and oversized bodies included."""
+    """The application in its `Edge`: around everything, answers to defects and oversized bodies included.
+
+    Only polls that find nothing new are answered before.
+    """
 
     def build_middleware_stack(self) -> ASGIApp:
         """Return what answers a request."""
-        return Edge(super().build_middleware_stack(), metrics=self.state.metrics)
+        edge = Edge(super().build_middleware_stack(), metrics=self.state.metrics)
+        return Polls(edge, polling=self.state.polling, metrics=self.state.metrics)
 
 
 class SchemaNotCurrent(Exception):

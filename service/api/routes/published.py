@@ -11,6 +11,7 @@ from service.api.auth import Presented
 from service.api.conditions import none_match
 from service.api.deps import MapId
 from service.api.polling import Polling
+from service.api.polls import POINTER_CACHING
 from service.api.problems import base_url_of
 from service.api.schemas.revisions import Channel, PublishedOut
 from service.usecases.kernel import Kernel
@@ -19,7 +20,6 @@ from service.usecases.publish import published
 
 router = APIRouter(prefix="/v1/maps/{map_id}", tags=["revisions"])
 
-_POINTER_CACHING = "private, no-cache"
 _UNCHANGED: dict[int | str, dict[str, Any]] = {
     304: {"description": "The pointer is where `If-None-Match` says."}
 }
@@ -41,10 +41,6 @@ async def get_published(
     polling: Polling = request.app.state.polling
     secret = None if presented is None else presented.credentials
     place = (map_id, channel)
-    if if_none_match is not None:
-        tag = await polling.tag(secret, place)
-        if tag is not None and not none_match(if_none_match, tag):
-            return _unchanged(tag)
     token = polling.token()
     found, answer = await run_in_threadpool(_from_database, request, secret, place, if_none_match)
     assert secret is not None
@@ -59,15 +55,11 @@ def _from_database(
     with kernel.db.reading() as session:
         found = poll(session, secret, place=place, now=kernel.now())
         if not none_match(if_none_match, found.tag):
-            return found, _unchanged(found.tag)
+            return found, Response(status_code=304, headers=_headers(found.tag))
         told = PublishedOut.of(published(session, found.pointer), base_url=base_url_of(request))
     headers = _headers(found.tag)
     return found, Response(told.model_dump_json(), headers=headers, media_type="application/json")
 
 
-def _unchanged(tag: str) -> Response:
-    return Response(status_code=304, headers=_headers(tag))
-
-
 def _headers(tag: str) -> dict[str, str]:
-    return {"ETag": f'"{tag}"', "Cache-Control": _POINTER_CACHING}
+    return {"ETag": f'"{tag}"', "Cache-Control": POINTER_CACHING}

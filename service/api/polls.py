@@ -1,0 +1,77 @@
+"""The way of a poll that finds nothing new: 304 from memory, before any routing."""
+
+from __future__ import annotations
+
+import re
+import secrets
+import time
+
+from starlette.types import ASGIApp, Receive, Scope, Send
+
+from service.api.conditions import none_match
+from service.api.metrics import Metrics
+from service.api.polling import Polling
+from service.usecases.polling import Place
+
+ROUTE = "/v1/maps/{map_id}/published"
+POINTER_CACHING = "private, no-cache"
+
+_PATH = re.compile(r"/v1/maps/([a-z]+_[0-9a-z]{1,39})/published")
+_QUERY = re.compile(rb"(?:channel=([a-z][a-z0-9-]{0,39}))?")
+_BEARER = re.compile(rb"[Bb]earer +([\x21-\x7e]+)")
+
+
+class Polls:
+    """Wrap an ASGI app: a poll whose `If-None-Match` still holds is answered here, all else by the app.
+
+    Thousands of robots ask the same again and again, and nearly always nothing has changed. Such an answer
+    is counted like every other, and not logged.
+
+    Parameters
+    ----------
+    app : ASGI application
+        What answers everything else.
+    polling : Polling
+        What is known without the database.
+    metrics : Metrics
+        Where requests are counted.
+    """
+
+    def __init__(self, app: ASGIApp, *, polling: Polling, metrics: Metrics) -> None:
+        self.app = app
+        self.polling = polling
+        self.metrics = metrics
+
+    async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
+        """Answer one request."""
+        place = _place(scope)
+        if place is None:
+            await self.app(scope, receive, send)
+            return
+        begun = time.perf_counter()
+        headers = dict(scope["headers"])
+        held, presented = headers.get(b"if-none-match"), _BEARER.fullmatch(headers.get(b"authorization", b""))
+        tag = None
+        if held is not None and presented is not None:
+            tag = await self.polling.tag(presented[1].decode("ascii"), place)
+        if held is None or tag is None or none_match(held.decode("latin-1"), tag):
+            await self.app(scope, receive, send)
+            return
+        told = [
+            (b"etag", f'"{tag}"'.encode()),
+            (b"cache-control", POINTER_CACHING.encode()),
+            (b"x-request-id", secrets.token_hex(8).encode()),
+        ]
+        await send({"type": "http.response.start", "status": 304, "headers": told})
+        await send({"type": "http.response.body", "body": b""})
+        self.metrics.count(scope["method"], ROUTE, status=304, seconds=time.perf_counter() - begun)
+
+
+def _place(scope: Scope) -> Place | None:
+    """Return which pointer the request asks for, or None when it is no plain poll."""
+    if scope["type"] != "http" or scope["method"] not in {"GET", "HEAD"}:
+        return None
+    path, query = _PATH.fullmatch(scope["path"]), _QUERY.fullmatch(scope["query_string"])
+    if path is None or query is None:
+        return None
+    return path[1], (query[1] or b"stable").decode("ascii")
