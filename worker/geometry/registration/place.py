@@ -30,7 +30,7 @@ from worker.geometry.registration.target import PlacementTarget
 Progress = Callable[[str, float], None]
 
 _MOST_CANDIDATES = 6
-_WORTH = 0.7
+_WORTH, _HOPELESS = 0.7, 0.5
 _ROUGH_RADIUS, _ROUGH_TURN = 3.2, np.deg2rad(48.0)
 _HELD = 1.4
 _LEAST_STRUCTURE = 12
@@ -190,20 +190,32 @@ def _height(problem: Problem, initial: Transform | None) -> float:
 
 
 def _refine_ends(problem: Problem, ends: list[End], tell: Progress) -> list[Found]:
-    """Return the ends refined, made distinct again, the best first."""
+    """Return the ends refined, made distinct again, the best first; those without hope are left out."""
     refined = []
     for done, end in enumerate(ends):
-        tell("refine", 0.6 + 0.2 * done / len(ends))
-        refine = _refine_on_faces if problem.target.kind == "faces" else _refine_on_cloud
-        moved = refine(problem, end)
+        tell("refine", 0.6 + 0.15 * done / len(ends))
+        if problem.target.kind == "faces":
+            moved = _refine_on_faces(problem, end, thorough=False)
+        else:
+            moved = _refine_on_cloud(problem, end)
         refined.append(replace(moved, score=look_at(problem, moved).score))
-    found = [look_at(problem, end) for end in merge_ends(refined, problem.scan.middle)]
+    refined = merge_ends(refined, problem.scan.middle)
+    if problem.target.kind == "faces":
+        least = max(end.score for end in refined) - _HOPELESS
+        finished = [_refine_on_faces(problem, end, thorough=True) for end in refined if end.score >= least]
+        scored = [replace(end, score=look_at(problem, end).score) for end in finished]
+        refined = merge_ends(scored, problem.scan.middle)
+    found = [look_at(problem, end) for end in refined]
     return sorted(found, key=lambda f: -f.score)[:_MOST_CANDIDATES]
 
 
-def _refine_on_faces(problem: Problem, end: End) -> End:
+def _refine_on_faces(problem: Problem, end: End, *, thorough: bool) -> End:
     last = refine_to_surfaces(
-        problem.scan.fine, problem.scan.normals, problem.surfaces(end.T_map_scan), initial=end.T_map_scan
+        problem.scan.fine,
+        problem.scan.normals,
+        problem.surfaces(end.T_map_scan),
+        initial=end.T_map_scan,
+        thorough=thorough,
     )
     return End(last.T_map_scan, 0.0, end.starts, last.converged, end.iterations + last.iterations)
 

@@ -11,7 +11,9 @@ from service.domain.transform import Transform
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, moved
 from worker.geometry.registration.surfaces import Surfaces
 
-_ROUNDS = ((0.5, 5), (0.35, 5), (0.25, 5), (0.25, 25))
+_ROUNDS = ((0.5, 5), (0.35, 5), (0.25, 12), (0.25, 20))
+"""Reach [m] and most steps of each round; all points take part in the last."""
+_LEVELLED_ROUNDS = 2
 _ROUGH_POINTS = 1500
 _TILT_PRIOR = np.deg2rad(1.0)
 _PRIOR_NOISE = 0.02
@@ -33,12 +35,13 @@ def refine_to_surfaces(
     surfaces: Surfaces,
     *,
     initial: Transform,
+    thorough: bool = True,
     tolerance: float = 5e-4,
 ) -> Refined:
     """Return the pose near `initial` that puts the points onto the surfaces, robustly.
 
     Points farther from every surface than a reach that narrows from 0.5 to 0.25 m take no part: the target
-    object, which the map lacks, neither helps nor harms. Tilt is solved for in the last round only, and held
+    object, which the map lacks, neither helps nor harms. Tilt is solved for in the last rounds only, and held
     by a prior of 1 degree, since tablets know where up is.
 
     Parameters
@@ -49,6 +52,8 @@ def refine_to_surfaces(
         In frame `map`.
     initial : Transform
         `T_map_scan`, within a few decimetres and degrees.
+    thorough : bool
+        Whether all points take part in a last round, or only some 1500, which is enough to tell poses apart.
     tolerance : float
         A step that moves the points by less ends a round [m].
 
@@ -60,9 +65,9 @@ def refine_to_surfaces(
     pose, iterations, small = initial, 0, False
     lever = max(float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))), 1e-3)
     some = slice(None, None, 1 + len(points) // _ROUGH_POINTS)
-    for reach, steps in _ROUNDS:
-        last = steps == _ROUNDS[-1][1]
-        unknowns, used = np.array(ALL_SIX if last else LEVELLED), slice(None) if last else some
+    for nth, (reach, steps) in enumerate(_ROUNDS if thorough else _ROUNDS[:-1]):
+        unknowns = np.array(LEVELLED if nth < _LEVELLED_ROUNDS else ALL_SIX)
+        used = slice(None) if nth == len(_ROUNDS) - 1 else some
         for _ in range(steps):
             step = _step(points[used], normals[used], surfaces, pose=pose, reach=reach, unknowns=unknowns)
             if step is None:

@@ -11,6 +11,8 @@ from scipy.spatial import KDTree
 
 _SIDE_WEIGHT = 0.5
 _NEIGHBOURS = 12
+_CORES = -1
+"""All of them; each point is searched for by itself, so the answer is the same with any number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,10 +69,10 @@ class Surfaces:
             known = np.linalg.norm(normals, axis=1) > 0.5
             query = np.hstack([points, _SIDE_WEIGHT * normals])
             limit = np.hypot(reach, _SIDE_WEIGHT)
-            _, index = self.sided_tree.query(query, distance_upper_bound=limit)
+            _, index = self.sided_tree.query(query, distance_upper_bound=limit, workers=_CORES)
         else:
             known = np.zeros(len(points), dtype=bool)
-            _, index = self.tree.query(points, distance_upper_bound=reach)
+            _, index = self.tree.query(points, distance_upper_bound=reach, workers=_CORES)
         found = index < len(self.points)
         nearest = np.where(found, index, 0)
         between = points - self.points[nearest]
@@ -100,7 +102,7 @@ def estimate_normals(
     """
     tree = KDTree(points)
     count = min(_NEIGHBOURS, len(points))
-    _, index = tree.query(points, k=count)
+    _, index = tree.query(points, k=count, workers=_CORES)
     around = points[np.asarray(index).reshape(len(points), count)]
     centred = around - around.mean(axis=1, keepdims=True)
     values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
