@@ -1,0 +1,327 @@
+"""The robot's client against the real service: each way ends in the same cloud, whatever breaks."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.util
+import os
+import shutil
+import signal
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import contextmanager, suppress
+from dataclasses import dataclass
+from pathlib import Path
+from types import ModuleType
+from typing import Any
+from urllib.parse import urlsplit
+
+import httpx
+import pytest
+
+from service.settings import Settings
+from tests.server import ROOT, Server, start
+from tests.service.asking import a_map, ok, refused
+from tests.service.by_hand import ByHand
+from tests.service.halls import built_revision, hall_files, make_delta
+
+CLIENT = ROOT / "client" / "groundplan_robot.py"
+CLOUD = "point-cloud.pcd"
+ZSTD = shutil.which("zstd")
+FLEET = 200
+
+
+def client_module() -> ModuleType:
+    spec = importlib.util.spec_from_file_location("groundplan_robot", CLIENT)
+    assert spec is not None
+    assert spec.loader is not None
+    module = importlib.util.module_from_spec(spec)
+    sys.modules[spec.name] = module
+    spec.loader.exec_module(module)
+    return module
+
+
+client = client_module()
+
+
+def sha256(content: bytes) -> str:
+    return hashlib.sha256(content).hexdigest()
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Hold a map with two revisions and the delta between them; revision 1 is published."""
+
+    server: Server
+    admin: httpx.Client
+    map_id: str
+    files: tuple[dict[str, bytes], dict[str, bytes]]
+
+    def publish(self, n: int) -> None:
+        """Publish a revision."""
+        ok(self.admin.post(f"/v1/maps/{self.map_id}/revisions/{n}/publish", json={}))
+
+    def enrol(self) -> dict[str, Any]:
+        """Return a new robot with its key."""
+        return ok(self.admin.post("/v1/robots", json={"name": "AMR", "map_id": self.map_id}), 201)
+
+    def robot(self, folder: Path, *, url: str | None = None, **more: Any) -> Any:
+        """Return the client of a new robot."""
+        me = self.enrol()
+        service = client.Service(url or self.server.url, me["key"])
+        return client.Robot(service, client.Folder(folder), map_id=self.map_id, robot_id=me["id"], **more)
+
+    def reports(self, robot: Any) -> list[tuple[int, str]]:
+        """Return what a robot has reported, oldest first."""
+        told = ok(self.admin.get(f"/v1/robots/{robot.robot_id}/reports"))["items"]
+        return [(report["revision"], report["state"]) for report in reversed(told)]
+
+
+@pytest.fixture(scope="module")
+def two_states(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], dict[str, bytes]]:
+    folder = tmp_path_factory.mktemp("halls")
+    old, new = (hall_files(folder / str(x), machine_x=x) for x in (17.0, 19.5))
+    return old, new
+
+
+def a_plant(server: Server, states: tuple[dict[str, bytes], dict[str, bytes]], folder: Path) -> Plant:
+    """Return a new map whose two revisions have these files, with the deltas between them."""
+    admin, by_hand = server.client(server.admin_key), ByHand(server.kernel)
+    map_id = a_map(admin)
+    for files in states:
+        built_revision(admin, by_hand, map_id, files)
+    for old, new in ((1, 2), (2, 1)):
+        asked = admin.get(f"/v1/maps/{map_id}/revisions/{new}/delta?from={old}")
+        if asked.status_code == 503:  # the same two clouds have one delta, on whatever map
+            make_delta(by_hand, refused(asked, 503, "delta-not-ready")["job_id"], folder)
+    plant = Plant(server, admin, map_id, states)
+    plant.publish(1)
+    return plant
+
+
+@pytest.fixture
+def plant(server: Server, two_states: tuple[dict[str, bytes], dict[str, bytes]], tmp_path: Path) -> Plant:
+    return a_plant(server, two_states, tmp_path)
+
+
+def in_use(folder: Path) -> str:
+    return sha256((folder / "current" / CLOUD).read_bytes())
+
+
+@pytest.mark.parametrize("way", ["delta", "tiles", "whole"])
+def test_each_way_ends_in_the_same_cloud(plant: Plant, tmp_path: Path, way: str) -> None:
+    robot = plant.robot(tmp_path / "robot", ways=(way, "whole"), also=("occupancy-grid.pgm",))
+    assert robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
+    plant.publish(2)
+    assert robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(plant.files[1][CLOUD])
+    assert robot.folder.held()["way"] == way
+    assert (robot.folder.current / "occupancy-grid.pgm").read_bytes() == plant.files[1]["occupancy-grid.pgm"]
+    done = ["downloaded", "verified", "enabled"]
+    assert plant.reports(robot) == [(n, state) for n in (1, 2) for state in done]
+    seen = ok(plant.admin.get(f"/v1/robots/{robot.robot_id}"))
+    assert (seen["progress"], seen["enabled_revision"]) == ("up-to-date", 2)
+    assert robot.run_once()
+    assert len(plant.reports(robot)) == 6
+    plant.publish(1)
+    assert robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
+    assert len(list(robot.folder.revisions.iterdir())) == 2
+    assert list(robot.folder.parts.iterdir()) == []
+
+
+@pytest.mark.parametrize("way", ["delta", "tiles"])
+def test_the_standard_library_alone_will_do(plant: Plant, tmp_path: Path, way: str) -> None:
+    """Run the file as a robot would, without any package; with the zstd program or without."""
+    me, folder, programs = plant.enrol(), tmp_path / "robot", tmp_path / "programs"
+    programs.mkdir()
+    if way == "delta":
+        assert ZSTD is not None
+        (programs / "zstd").symlink_to(ZSTD)
+    command = [sys.executable, "-I", "-S", CLIENT, "--server", plant.server.url, "--map", plant.map_id]
+    command += ["--robot", me["id"], "--folder", folder, "--once"]
+    bare = {"PATH": str(programs), "GROUNDPLAN_KEY": me["key"]}
+    for n, files in enumerate(plant.files, start=1):
+        plant.publish(n)
+        done = subprocess.run(command, env=bare, capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+        assert in_use(folder) == sha256(files[CLOUD])
+    assert f"revision 2 is in use ({way})" in done.stderr
+
+
+@contextmanager
+def cutting_proxy(url: str, *, cut_after: int, cuts: int) -> Iterator[str]:
+    """Give an address that passes on to the service, and breaks the first answers off after some bytes."""
+    target = urlsplit(url)
+    listening = socket.create_server(("127.0.0.1", 0))
+    left = [cuts]
+
+    def pass_on(near: socket.socket) -> None:
+        with near, socket.create_connection((target.hostname, target.port)) as far:
+            far.sendall(near.recv(65536))
+            passed = 0
+            while chunk := far.recv(4096):
+                near.sendall(chunk)
+                passed += len(chunk)
+                if passed > cut_after and left[0]:
+                    left[0] -= 1
+                    return
+
+    def accept() -> None:
+        while True:
+            try:
+                near, _ = listening.accept()
+            except OSError:
+                return
+            threading.Thread(target=pass_on, args=(near,), daemon=True).start()
+
+    thread = threading.Thread(target=accept)
+    thread.start()
+    try:
+        yield f"http://127.0.0.1:{listening.getsockname()[1]}"
+    finally:
+        listening.shutdown(socket.SHUT_RDWR)
+        listening.close()
+        thread.join()
+
+
+def test_a_broken_download_goes_on_where_it_ended(plant: Plant, tmp_path: Path) -> None:
+    size = len(plant.files[0][CLOUD])
+    with cutting_proxy(plant.server.url, cut_after=size // 3, cuts=2) as url:
+        robot = plant.robot(tmp_path / "robot", url=url)
+        told = ok(plant.admin.get(f"/v1/maps/{plant.map_id}/published"))
+        files = {file["path"]: client.as_file(file) for file in told["artifacts"]}
+        near = client.File(CLOUD, files[CLOUD].sha256, size, urlsplit(files[CLOUD].url).path)
+        part = robot.folder.parts / near.sha256
+        with pytest.raises(client.Unreachable):
+            robot.download_rest(near, part)
+        begun = part.stat().st_size
+        assert 0 < begun < size
+        os.truncate(part, begun - 1)
+        with part.open("ab") as file:
+            file.write(plant.files[0][CLOUD][begun - 1 : begun])
+        robot.download(near)
+    assert part.read_bytes() == plant.files[0][CLOUD]
+
+
+def test_what_cannot_be_verified_never_comes_into_use(plant: Plant, tmp_path: Path) -> None:
+    robot = plant.robot(tmp_path / "robot")
+    assert robot.run_once()
+    plant.publish(2)
+    blobs, wrong = plant.server.kernel.blobs, plant.files[1][CLOUD]
+    place = blobs.path(sha256(wrong))
+    robot.ways = ("whole",)
+    place.chmod(0o644)
+    place.write_bytes(wrong[:-1] + bytes([wrong[-1] ^ 1]))
+    with pytest.raises(client.NotDone, match="another SHA-256"):
+        robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
+    assert plant.reports(robot)[-1] == (2, "failed")
+    seen = ok(plant.admin.get(f"/v1/robots/{robot.robot_id}"))
+    assert (seen["progress"], seen["enabled_revision"]) == ("failed", 1)
+    place.write_bytes(wrong)
+    assert robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(wrong)
+
+
+def test_a_damaged_or_forgotten_map_is_fetched_whole(plant: Plant, tmp_path: Path) -> None:
+    robot = plant.robot(tmp_path / "robot")
+    assert robot.run_once()
+    cloud = robot.folder.current / CLOUD
+    cloud.chmod(0o644)
+    cloud.write_bytes(cloud.read_bytes()[:-16] + bytes(16))
+    plant.publish(2)
+    assert robot.run_once()
+    assert robot.folder.held()["way"] == "whole"
+    told = robot.folder.held()
+    client.write_whole(
+        robot.folder.current / "revision.json", client.json.dumps({**told, "revision": 77}).encode()
+    )
+    plant.publish(1)
+    robot.ways = ("delta", "whole")
+    assert robot.run_once()
+    assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
+    assert robot.folder.held()["way"] == "whole"
+
+
+def test_whoever_opens_the_map_meanwhile_gets_one_or_the_other(plant: Plant, tmp_path: Path) -> None:
+    robot = plant.robot(tmp_path / "robot", ways=("delta", "whole"))
+    assert robot.run_once()
+    known = {sha256(files[CLOUD]) for files in plant.files}
+    seen: set[str] = set()
+    ended = threading.Event()
+
+    def read() -> None:
+        while not ended.is_set():
+            seen.add(in_use(tmp_path / "robot"))
+
+    reader = threading.Thread(target=read)
+    reader.start()
+    try:
+        for n in (2, 1, 2):
+            plant.publish(n)
+            assert robot.run_once()
+    finally:
+        ended.set()
+        reader.join()
+    assert seen <= known
+
+
+def test_a_fleet_converges_while_the_service_is_killed_and_restarted(
+    two_states: tuple[dict[str, bytes], dict[str, bytes]], tmp_path: Path
+) -> None:
+    settings = Settings(data_dir=tmp_path / "service")
+    server = start(settings)
+    try:
+        plant = a_plant(server, two_states, tmp_path)
+        first = plant.robot(tmp_path / "first", ways=("delta", "whole"))
+        assert first.run_once()
+        robots = [_copy_of(plant, first, tmp_path / f"robot-{k}") for k in range(FLEET)]
+        plant.publish(2)
+        with ThreadPoolExecutor(8) as pool:
+            runs = [pool.submit(_until_done, robot) for robot in robots]
+            for done in (FLEET // 5, FLEET // 2):
+                while sum(run.done() for run in runs) < done:
+                    time.sleep(0.05)
+                server.stop(signal.SIGKILL)
+                port, key = urlsplit(server.url).port, server.admin_key
+                server.close()
+                server = start(settings, admin_key=key, GROUNDPLAN_PORT=str(port))
+            for run in runs:
+                run.result(timeout=120)
+        wanted = sha256(two_states[1][CLOUD])
+        assert {in_use(robot.folder.root) for robot in robots} == {wanted}
+        admin = server.client(server.admin_key)
+        asked = {"map": plant.map_id, "limit": 200}
+        told = ok(admin.get("/v1/robots", params={**asked, "behind": False}))["items"]
+        assert {robot.robot_id for robot in robots} <= {robot["id"] for robot in told}
+        behind = ok(admin.get("/v1/robots", params={**asked, "behind": True}))["items"]
+        assert {robot["id"] for robot in behind} <= {first.robot_id}
+    finally:
+        server.close()
+
+
+def _copy_of(plant: Plant, first: Any, folder: Path) -> Any:
+    """Return another robot that holds what the first one holds."""
+    shutil.copytree(first.folder.root, folder, symlinks=True)
+    (folder / "state.json").unlink()
+    return plant.robot(folder, ways=("delta", "whole"))
+
+
+def _until_done(robot: Any) -> None:
+    """Let a robot poll until it runs revision 2 and has said so."""
+    known = {robot.folder.held()["sha256"]}
+    while robot.folder.state().get("revision") != 2 or robot.folder.state()["reports"]:
+        with suppress(client.NotDone):
+            robot.run_once()
+        held = robot.folder.held()
+        assert held is not None, "a torn map"
+        known.add(held["sha256"])
+        time.sleep(0.05)
+    assert len(known) <= 2
