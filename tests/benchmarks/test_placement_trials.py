@@ -130,7 +130,7 @@ def _elsewhere(building: Building, seed: int) -> Trial:
 
 
 def _wrong_room(building: Building, seed: int) -> Trial:
-    """Return a trial whose own room is missing from the drawing."""
+    """Return a trial whose room lacks the walls within it in the drawing; those that go on beyond it stay."""
     trial = _room(building, seed)
     assert trial.truth is not None
     room = building.room_at(trial.truth.translation[:2])
@@ -138,7 +138,7 @@ def _wrong_room(building: Building, seed: int) -> Trial:
     middles = np.array([w.centre.mean(axis=0) for w in building.drawn])
     of_room = np.all((low < middles) & (middles < high), axis=1)
     kept = tuple(w for w, drop in zip(building.drawn, of_room, strict=True) if not drop)
-    return replace(trial, walls=kept, truth=None if len(kept) < len(building.drawn) - 1 else trial.truth)
+    return replace(trial, walls=kept)
 
 
 def _moved_wall(building: Building, seed: int) -> Trial:

@@ -9,9 +9,7 @@ differs.
 
 from __future__ import annotations
 
-import json
 import statistics
-import subprocess
 import sys
 import tempfile
 import time
@@ -22,6 +20,7 @@ import numpy as np
 from scipy.spatial import KDTree
 
 from service.domain.transform import Transform
+from tests.benchmarks.ndt_against_pcl.peer import ask, compile_peer
 from tests.geometry.rooms import a_case, inside, off
 from worker.formats.pcd import read_pcd, write_pcd
 from worker.formats.scan import read_scan
@@ -31,33 +30,9 @@ from worker.geometry.registration.fitness import euclidean_fitness_score, transf
 from worker.geometry.registration.ndt import register_ndt
 from worker.geometry.registration.ndt_map import build_ndt_map
 
-HERE = Path(__file__).resolve().parent
-SCANS = HERE.parents[3] / "shared" / "data" / "scans"
+SCANS = Path(__file__).resolve().parents[4] / "shared" / "data" / "scans"
 TUTORIAL = (SCANS / "room_scan2.pcd", SCANS / "room_scan1.pcd", "1.79387,0.720047,0,39.71")
 RESOLUTION, SOURCE_STEP, EPSILON, REPEATS = 1.0, 0.2, 1e-6, 7
-
-
-def compile_peer(folder: Path) -> Path:
-    """Return the program built from `pcl_ndt.cpp` against the PCL of this system."""
-    headers = sorted(Path("/usr/include").glob("pcl-*"))
-    if not headers:
-        sys.exit("PCL is not installed: apt-get install --no-install-recommends libpcl-dev g++")
-    libraries = ["registration", "search", "kdtree", "filters", "io", "common"]
-    program = folder / "pcl_ndt"
-    subprocess.run(
-        ["g++", "-std=c++17", "-O3", "-DNDEBUG", f"-I{headers[-1]}", "-I/usr/include/eigen3",
-         str(HERE / "pcl_ndt.cpp"), "-o", str(program), *[f"-lpcl_{name}" for name in libraries],
-         "-lflann", "-llz4", "-lboost_system"],
-        check=True,
-    )  # fmt: skip
-    return program
-
-
-def ask(program: Path, *words: object) -> dict[str, object]:
-    """Return what the peer printed."""
-    run = subprocess.run([str(program), *map(str, words)], check=True, capture_output=True, text=True)
-    answer: dict[str, object] = json.loads(run.stdout)
-    return answer
 
 
 def timed(work: Callable[[], object]) -> list[float]:

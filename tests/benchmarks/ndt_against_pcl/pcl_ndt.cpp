@@ -3,14 +3,19 @@
 //   pcl_ndt labels CLOUD.pcd                 loads into PointXYZL; prints counts and sums
 //   pcl_ndt place SOURCE.pcd TARGET.pcd RESOLUTION EPSILON REPEATS x y z yaw_rad
 //           prints pose, iterations, TP, fitness score, seconds of building the grid and of aligning
+//   pcl_ndt starts ndt|icp SOURCE.pcd TARGET.pcd RESOLUTION EPSILON STARTS.txt
+//           places from every start (16 numbers a line, row by row); prints all poses and seconds
+//           (for icp RESOLUTION is the largest distance of a correspondence)
 #include <chrono>
 #include <cstdio>
 #include <cstring>
+#include <fstream>
 #include <string>
 #include <vector>
 
 #include <pcl/io/pcd_io.h>
 #include <pcl/point_types.h>
+#include <pcl/registration/icp.h>
 #include <pcl/registration/ndt.h>
 
 using Clock = std::chrono::steady_clock;
@@ -73,9 +78,55 @@ static int place(char **argv) {
   return 0;
 }
 
+using Points = pcl::PointCloud<pcl::PointXYZ>;
+
+static int starts(pcl::Registration<pcl::PointXYZ, pcl::PointXYZ> &method, char **argv) {
+  Points::Ptr source(new Points), target(new Points);
+  if (pcl::io::loadPCDFile(argv[1], *source) < 0 || pcl::io::loadPCDFile(argv[2], *target) < 0) return 1;
+  method.setTransformationEpsilon(std::stod(argv[4]));
+  method.setMaximumIterations(100);
+  method.setInputSource(source);
+  method.setInputTarget(target);
+  std::ifstream file(argv[5]);
+  std::string poses, seconds;
+  Eigen::Matrix4f start;
+  for (;;) {
+    for (int k = 0; k < 16; ++k) file >> start(k / 4, k % 4);
+    if (!file) break;
+    Points output;
+    const auto begin = Clock::now();
+    method.align(output, start);
+    char text[400];
+    std::snprintf(text, sizeof text, "%s%.6f", seconds.empty() ? "" : ", ", since(begin));
+    seconds += text;
+    const Eigen::Matrix4f T = method.getFinalTransformation();
+    poses += poses.empty() ? "[" : ", [";
+    for (int k = 0; k < 16; ++k) {
+      std::snprintf(text, sizeof text, "%s%.9g", k ? ", " : "", T(k / 4, k % 4));
+      poses += text;
+    }
+    poses += "]";
+  }
+  std::printf("{\"poses\": [%s], \"seconds\": [%s]}\n", poses.c_str(), seconds.c_str());
+  return 0;
+}
+
+static int from_starts(char **argv) {
+  if (!std::strcmp(argv[0], "ndt")) {
+    pcl::NormalDistributionsTransform<pcl::PointXYZ, pcl::PointXYZ> ndt;
+    ndt.setResolution(std::stof(argv[3]));
+    ndt.setStepSize(0.1);
+    return starts(ndt, argv);
+  }
+  pcl::IterativeClosestPoint<pcl::PointXYZ, pcl::PointXYZ> icp;
+  icp.setMaxCorrespondenceDistance(std::stod(argv[3]));
+  return starts(icp, argv);
+}
+
 int main(int argc, char **argv) {
   if (argc == 3 && !std::strcmp(argv[1], "labels")) return labels(argv[2]);
   if (argc == 11 && !std::strcmp(argv[1], "place")) return place(argv + 2);
-  std::fprintf(stderr, "usage: pcl_ndt labels CLOUD | place SOURCE TARGET RESOLUTION EPSILON REPEATS x y z yaw\n");
+  if (argc == 8 && !std::strcmp(argv[1], "starts")) return from_starts(argv + 2);
+  std::fprintf(stderr, "usage: pcl_ndt labels CLOUD | starts ndt|icp SOURCE TARGET RESOLUTION EPSILON STARTS | place SOURCE TARGET RESOLUTION EPSILON REPEATS x y z yaw\n");
   return 2;
 }
