@@ -13,6 +13,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.crash_points import CRASH_POINTS
+from service.db.deltas import Delta
 from service.db.models import (
     Blob,
     Drawing,
@@ -25,6 +26,7 @@ from service.db.models import (
     Scan,
     Upload,
 )
+from service.db.robots import Robot, RobotReport
 from service.settings import Settings
 from tests import files
 from tests.server import start
@@ -39,7 +41,7 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 PNG = files.png()
 PLY = files.ply(files.room())
 AT_START = {"create-first-key", "forget-answers", "sweep-uploads"}
-TABLES = (Map, Key, Drawing, Scan, Placement, Revision, Publication, Job, Upload)
+TABLES = (Map, Key, Drawing, Scan, Placement, Revision, Publication, Job, Upload, Delta, Robot, RobotReport)
 
 Request = tuple[str, str, dict[str, Any]]
 
@@ -98,6 +100,18 @@ class Service:
                 f"/v1/maps/{map_id}/revisions/{a_ready_revision(client, self.by_hand, map_id)}/publish",
                 {"json": {"channel": "stable"}},
             ),
+            "ask-delta": lambda: (
+                "GET",
+                f"/v1/maps/{map_id}/revisions/{self.new_cloud(point)}/delta?from=1",
+                {},
+            ),
+            "enrol-robot": lambda: ("POST", "/v1/robots", {"json": {"name": "r", "map_id": map_id}}),
+            "change-robot": lambda: ("PATCH", f"/v1/robots/{self.new_robot()}", {"json": {"name": point}}),
+            "take-report": lambda: (
+                "POST",
+                f"/v1/robots/{self.new_robot()}/reports",
+                {"json": {"revision": 1, "state": "enabled"}},
+            ),
             "cancel-job": lambda: ("POST", f"/v1/jobs/{self.queued_job()}/cancel", {}),
             "retry-job": lambda: ("POST", f"/v1/jobs/{self.failed_job()}/retry", {}),
             "receive-scan": lambda: (
@@ -121,6 +135,20 @@ class Service:
             {"files": {"file": ("plan.png", PNG)}, "data": {"metres_per_unit": "0.05"}},
         )
         return made.get(name, upload)()
+
+    def new_cloud(self, content: str) -> int:
+        """Return the number of a new ready revision whose cloud is like no other."""
+        body = {"drawing_id": self.by_hand.drawing(self.map_id)}
+        made = self.client.post(f"/v1/maps/{self.map_id}/revisions", json=body).json()
+        self.by_hand.build(made["job"]["id"], cloud=content.encode())
+        n: int = made["revision"]["n"]
+        return n
+
+    def new_robot(self) -> str:
+        """Return the id of a new robot."""
+        made = self.client.post("/v1/robots", json={"name": "r", "map_id": self.map_id})
+        robot_id: str = made.json()["id"]
+        return robot_id
 
     def new_key(self) -> str:
         """Return the id of a new key."""
@@ -192,6 +220,9 @@ NEW = {
     "place-scan": {"placements": 1, "jobs": 1},
     "accept-placement": {"revisions": 1, "jobs": 1},
     "publish": {"publications": 1},
+    "ask-delta": {"deltas": 1, "jobs": 1},
+    "enrol-robot": {"robots": 1, "keys": 1},
+    "take-report": {"robot_reports": 1},
     "receive-drawing": {"drawings": 1, "jobs": 1},
     "receive-scan": {"scans": 1, "jobs": 1},
     "reread-drawing": {"jobs": 1},
@@ -204,6 +235,7 @@ NEW = {
 }
 STATUS = {
     "revoke-key": {204, 404},
+    "ask-delta": {503},
     "terminate-upload": {204, 404},
     "finish-upload": {204, 409},
     "upload": {204, 409},
@@ -280,11 +312,14 @@ def _difference(before: dict[str, int], after: dict[str, int]) -> dict[str, int]
 
 SAMPLE = [
     "blob.before-rename",
+    "ask-delta.after-commit",
     "create-map.after-commit",
+    "enrol-robot.after-commit",
     "finish-upload.before-commit",
     "receive-drawing.after-commit",
     "receive-drawing.before-commit",
     "revise.after-commit",
+    "take-report.after-commit",
 ]
 
 

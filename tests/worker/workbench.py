@@ -27,6 +27,7 @@ from service.db.session import Database, open_engine
 from service.domain.lifecycle import JobKind, JobState
 from service.domain.recipe import Recipe
 from service.storage.local import LocalBlobStore
+from service.usecases.deltas import ask_for_delta
 from service.usecases.kernel import Kernel
 from worker.formats.pcd import write_pcd
 from worker.geometry.cloud.point_cloud import PointCloud
@@ -238,6 +239,15 @@ class Workbench:
                 )
             )
         return job_id
+
+    def add_delta(self, *, old: bytes, new: bytes) -> str:
+        """Return the job that makes the delta between two files, asked for as a robot does."""
+        sha256s = []
+        for content in (old, new):
+            with self.kernel.blobs.stage(max_bytes=len(content)) as staged:
+                staged.write(content)
+                sha256s.append(staged.keep().sha256)
+        return ask_for_delta(self.kernel, map_id=self.map_id, from_sha256=sha256s[0], to_sha256=sha256s[1])
 
     def job(self, job_id: str) -> Job:
         """Return the job as it stands."""
