@@ -16,7 +16,7 @@ from service.api.codings import takes
 from service.api.conditions import none_match, one_range, range_applies
 from service.usecases.download import CodedForm, StoredFile
 
-_CHUNK_BYTES = 256 * 1024
+_CHUNK_BYTES = 512 * 1024
 _UNSAFE = re.compile(r'[^\x20-\x7e]|["\\]')
 
 IMMUTABLE = "private, max-age=31536000, immutable"

@@ -45,11 +45,12 @@ def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int
         found = find_delta(session, from_sha256=old, to_sha256=new)
         if found is not None and found.sha256 is not None:
             return _file(kernel, found, name=f"revision-{from_n}-to-{n}.zst")
-    job_id = ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
-    with kernel.db.reading() as session:
-        job = find_job(session, job_id)
-        failed = job is not None and job.state in {JobState.FAILED, JobState.CANCELLED}
-    if failed:
+        job = None if found is None else find_job(session, found.job_id)
+    if job is None:
+        job_id = ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
+    else:
+        job_id = job.id
+    if job is not None and job.state in {JobState.FAILED, JobState.CANCELLED}:
         raise DeltaNotReady(
             f"The delta could not be made; its job is {job_id}. Take the changed tiles, or the whole file.",
             job_id=job_id,

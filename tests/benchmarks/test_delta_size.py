@@ -19,7 +19,7 @@ from worker.geometry.drawing.reading.reading import Wall
 
 pytestmark = pytest.mark.benchmark
 
-LENGTH, WIDTH, HEIGHT = 120.0, 80.0, 3.0
+LENGTH, WIDTH, HEIGHT = 120.0, 80.0, 2.5
 OBJECTS, MOVED = 150, 10
 VOXEL = 0.05
 
@@ -34,7 +34,7 @@ def hall() -> list[Wall]:
 
 def scanned_box(rng: np.random.Generator) -> np.ndarray:
     """Return a tablet's points on the four sides and the top of a machine, at its own origin."""
-    size = rng.uniform([1.2, 1.2, 1.0], [3.0, 2.2, 2.2])
+    size = rng.uniform([1.0, 1.0, 0.8], [2.5, 2.2, 2.0])
     dense = 1600  # points a square metre
     sides = []
     for axis in range(3):
