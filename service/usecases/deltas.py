@@ -46,16 +46,13 @@ def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int
         if found is not None and found.sha256 is not None:
             return _file(kernel, found, name=f"revision-{from_n}-to-{n}.zst")
         job = None if found is None else find_job(session, found.job_id)
-    if job is None:
-        job_id = ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
-    else:
-        job_id = job.id
     if job is not None and job.state in {JobState.FAILED, JobState.CANCELLED}:
         raise DeltaNotReady(
-            f"The delta could not be made; its job is {job_id}. Take the changed tiles, or the whole file.",
-            job_id=job_id,
+            f"The delta could not be made; its job is {job.id}. Take the changed tiles, or the whole file.",
+            job_id=job.id,
             retry_after_s=_RETRY_FAILED_S,
         )
+    job_id = job.id if job else ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
     raise DeltaNotReady(
         "The delta is being made; ask again in a moment.", job_id=job_id, retry_after_s=_RETRY_S
     )

@@ -51,7 +51,10 @@ def scanned_box(rng: np.random.Generator) -> np.ndarray:
 
 def build(directory: Path, boxes: list[np.ndarray], at: np.ndarray) -> Path:
     directory.mkdir()
-    layers = [PlacedLayer(f"object {k}", PointCloud.of(box + [*at[k], 0.0])) for k, box in enumerate(boxes)]
+    layers = [
+        PlacedLayer(f"object {k}", PointCloud.of(box + np.array([*at[k], 0.0])))
+        for k, box in enumerate(boxes)
+    ]
     recipe = Recipe(voxel_size_m=VOXEL, wall_height_m=HEIGHT, layer_voxel_size_m=VOXEL)
     write_artifacts(directory, walls=hall(), recipe=recipe, layers=layers, inputs={})
     return directory
@@ -84,7 +87,8 @@ def test_a_delta_is_a_few_percent(seed: int, tmp_path: Path) -> None:
     coded = (after / "point-cloud.pcd.zst").stat().st_size
     print(
         f"\nseed {seed}: {counts['points']} points, {share:.0%} in objects; full {full / 1e6:.2f} MB, "
-        f"zstd {coded / full:.1%}, changed tiles {len(changed)}/{len(tiles)} = {len(changed) / len(tiles):.0%} "
+        f"zstd {coded / full:.1%}, changed tiles {len(changed)}/{len(tiles)} "
+        f"= {len(changed) / len(tiles):.0%} "
         f"({changed_bytes / full:.1%} of the bytes), delta {delta.stat().st_size / full:.2%} in {took:.1f} s"
     )
     assert share >= 0.3
