@@ -28,6 +28,7 @@ from service.api.polls import Polls
 from service.api.routes import (
     artifacts,
     drawings,
+    fleet_events,
     health,
     jobs,
     keys,
@@ -59,6 +60,7 @@ _ROUTERS = (
     artifacts.router,
     published.router,
     robots.router,
+    fleet_events.router,
     placements.router,
     tus.router,
     jobs.router,

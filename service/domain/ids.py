@@ -3,12 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from datetime import datetime
+from datetime import UTC, datetime
 
 _ALPHABET = "0123456789abcdefghjkmnpqrstvwxyz"
+_CHARACTERS = 26
 
 Clock = Callable[[], datetime]
 Entropy = Callable[[int], bytes]
+
+
+def made_at(id_: str) -> datetime:
+    """Return when an id was made, to the millisecond, by its last 26 characters.
+
+    Raises
+    ------
+    ValueError
+        If it is no id.
+    """
+    characters = id_[-_CHARACTERS:]
+    if len(characters) < _CHARACTERS or not set(characters) <= set(_ALPHABET):
+        msg = f"{id_!r} does not end as an id does"
+        raise ValueError(msg)
+    value = 0
+    for character in characters:
+        value = value << 5 | _ALPHABET.index(character)
+    try:
+        return datetime.fromtimestamp((value >> 80) / 1000, UTC)
+    except (OverflowError, OSError) as error:
+        msg = f"{id_!r} was made at no time"
+        raise ValueError(msg) from error
 
 
 def new_id(prefix: str, *, now: datetime, entropy: Entropy) -> str:

@@ -111,6 +111,8 @@ TUS = {
     ("DELETE", "/v1/tus/{upload_id}"),
 }
 """Resumable uploads have a file of tests of their own, access included."""
+ENDLESS = {("GET", "/v1/events")}
+"""The fleet's events never end; who may listen is tested where they are."""
 
 
 @pytest.fixture(scope="module")
@@ -154,7 +156,7 @@ def _ask(client: httpx.Client, route: Route, ids: dict[str, str]) -> httpx.Respo
 def test_every_route_is_in_the_table(server: Server) -> None:
     schema = ok(httpx.get(f"{server.url}/openapi.json"))
     routes = {(method.upper(), path) for path, methods in schema["paths"].items() for method in methods}
-    assert routes == {(route.method, route.path.partition("?")[0]) for route in ROUTES} | OPEN | TUS
+    assert routes == {(route.method, route.path.partition("?")[0]) for route in ROUTES} | OPEN | TUS | ENDLESS
     keyless = {
         (method.upper(), path)
         for path, methods in schema["paths"].items()
