@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import re
-import secrets
 import time
 
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from service.api.conditions import none_match
+from service.api.edge import request_id_of
 from service.api.metrics import Metrics
 from service.api.polling import Polling
 from service.usecases.polling import Place
@@ -60,7 +60,7 @@ class Polls:
         told = [
             (b"etag", f'"{tag}"'.encode()),
             (b"cache-control", POINTER_CACHING.encode()),
-            (b"x-request-id", secrets.token_hex(8).encode()),
+            (b"x-request-id", request_id_of(scope).encode()),
         ]
         await send({"type": "http.response.start", "status": 304, "headers": told})
         await send({"type": "http.response.body", "body": b""})

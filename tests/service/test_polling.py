@@ -102,6 +102,8 @@ def test_a_poll_from_memory_is_what_the_database_would_say(pair: tuple[Server, S
     for answer in (first, second):
         assert (answer.status_code, answer.content, answer.headers["etag"]) == (304, b"", tag)
     asked = {"If-None-Match": tag}
+    named = admin.get(where, headers={**asked, "X-Request-Id": "poll-7"})
+    assert (named.status_code, named.headers["x-request-id"]) == (304, "poll-7")
     refused(httpx.get(server.url + where, headers=asked), 401, "unauthenticated")
     wrong = {**asked, "Authorization": "Bearer gp_wrong"}
     refused(httpx.get(server.url + where, headers=wrong), 401, "unauthenticated")
