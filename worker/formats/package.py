@@ -13,7 +13,7 @@ from worker.formats.reading import write_json
 from worker.formats.tiles import TILE_SIZE_M, Tile
 
 CODED_SUFFIX = ".zst"
-_LEVEL = 9
+_LEVEL = 3
 _READ_BYTES = 1 << 20
 
 
