@@ -1,5 +1,5 @@
 #!/usr/bin/env python3
-"""Keep the map of a robot what its fleet should run: one file, Python's standard library alone.
+"""Keep the map of a robot what its fleet should run: one file, the standard library of Python 3.10.
 
     groundplan_robot.py --server https://maps.example --map map_... --robot rob_... --folder /var/lib/map
 
@@ -29,9 +29,10 @@ import urllib.error
 import urllib.parse
 import urllib.request
 import uuid
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any, Callable, Iterable, Mapping  # noqa: UP035 - as Python 3.8 has them
+from typing import IO, Any
 
 CLOUD, MANIFEST = "point-cloud.pcd", "manifest.json"
 WAYS = ("delta", "tiles", "whole")
