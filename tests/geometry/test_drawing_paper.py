@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.ink import Ink, drop_dust, find_ink
 from worker.geometry.drawing.raster.skew import Level, find_skew
-from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, sharpened, without_specks
+from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, mended, sharpened, without_specks
 from worker.geometry.drawing.raster.strokes import find_strokes
 
 M = 0.01
@@ -155,6 +155,31 @@ def test_a_sharpened_sheet_has_its_close_lines_apart_again_and_as_heavy_as_they_
     assert (clear[:, 21] < 0.6 * np.minimum(clear[:, 20], clear[:, 22])).all()
     assert clear.sum(dtype=int) == pytest.approx(drawn.sum(dtype=int), rel=0.04)
     assert (clear == clear[0]).all()
+
+
+def test_a_light_line_that_runs_into_a_heavy_one_stays_joined_on_a_blurred_sheet() -> None:
+    sheet = np.full((400, 400), 255, dtype=np.uint8)
+    cv2.line(sheet, (200, 20), (200, 380), 0, 3)
+    for y in range(40, 380, 40):
+        cv2.line(sheet, (20, y), (380, y), 150, 1)
+    blurred = np.asarray(cv2.GaussianBlur(sheet, (0, 0), 0.8), dtype=np.uint8)
+    ink = find_ink(blurred, M)
+    count, _ = cv2.connectedComponents(ink.mask.view(np.uint8), connectivity=8)
+    assert count == 2
+    assert ink.mask[100].sum() <= 5
+
+
+@pytest.mark.parametrize("degrees", [0.0, 30.0, 90.0])
+def test_a_line_full_of_holes_is_mended_and_specks_beside_it_fade(degrees: float) -> None:
+    contrast = np.zeros((201, 201), dtype=np.uint8)
+    step = np.array([math.cos(math.radians(degrees)), math.sin(math.radians(degrees))])
+    places = np.rint(100 + step * np.arange(-90, 91)[:, None]).astype(int)
+    contrast[places[:, 1], places[:, 0]] = 120
+    contrast[places[::5, 1], places[::5, 0]] = 30
+    contrast[20:180:20, 20] = 120
+    out = mended(contrast)
+    assert out[places[10:-10, 1], places[10:-10, 0]].min() >= 50
+    assert out[20:180:20, 20].max() <= 50
 
 
 def test_a_blank_sheet_has_no_ink(rng: np.random.Generator) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.skew import Level, find_skew
-from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, sharpened, without_specks
+from worker.geometry.drawing.raster.speckle import is_blurred, is_speckled, mended, sharpened, without_specks
 
 _FINEST = 0.0125
 _DUST = 0.04
@@ -18,9 +18,19 @@ _PAPER_WINDOW = 2.6
 _LEAST_CONTRAST = 20.0
 _SHARE_OF_DARKEST = 0.4
 _DARKEST_PAPER = 40
-_FRINGE = 0.55
+_FRINGE, _GOES_ON = 0.55, 0.6
 _LARGEST_TURNED = 27_000
 _STRIP_ROWS = 256
+
+
+def _opposite(dy: int, dx: int) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
+    """Return two windows: the neighbour in a direction, and the two in the opposite one."""
+    ahead, behind = np.zeros((3, 3), dtype=np.uint8), np.zeros((5, 5), dtype=np.uint8)
+    ahead[1 + dy, 1 + dx] = behind[2 - dy, 2 - dx] = behind[2 - 2 * dy, 2 - 2 * dx] = 1
+    return ahead, behind
+
+
+_OPPOSITE = [_opposite(dy, dx) for dy in (-1, 0, 1) for dx in (-1, 0, 1) if dy or dx]
 
 
 @dataclass(frozen=True, eq=False)
@@ -67,8 +77,8 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
 
     The paper's own colour is found locally (what is brightest within 2.6 m, smoothed), and ink is measured
     as the share of that light which it takes away, so that shade, folds and tinted paper neither pass for
-    ink nor weaken it. A speckled sheet loses its specks, it and a blurred one the slopes beside their lines,
-    one that lies askew is levelled. Then it is reduced to about 1 cm a pixel by the darkest pixel of each
+    ink nor weaken it. A speckled sheet loses its specks, it and a blurred one the slopes beside their lines;
+    where specks were blurred as well, lines are mended. One that lies askew is levelled. Then it is reduced to about 1 cm a pixel by the darkest pixel of each
     block, so that thin lines survive. Ink is what stands out from the paper by 40 % of the drawing's own dark
     strokes; what stands out by half of that counts where it touches such ink.
 
@@ -84,22 +94,31 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     darkest, mean = _reduced(sheet, reduction)
     contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
     blurred = is_blurred(contrast)
-    is_soft = speckled or blurred
-    contrast = sharpened(contrast) if blurred else contrast
-    mask = _drawn(contrast, is_soft=is_soft)
+    contrast = _focused(contrast) if blurred else contrast
+    mask = _drawn(contrast, speckled=speckled, blurred=blurred)
     angle = find_skew(mask) if max(grey.shape) <= _LARGEST_TURNED else 0.0
     if angle:
         level = Level.of((grey.shape[0], grey.shape[1]), angle)
         darkest, mean = _reduced(level.levelled(sheet, outside=255), reduction)
         contrast = _taken(darkest, _paper_at(paper, level, grey.shape, darkest.shape, reduction))
-        contrast = sharpened(contrast) if blurred or reduction == 1 else contrast
-        mask = _drawn(contrast, is_soft=is_soft)
+        contrast = _focused(contrast) if blurred or reduction == 1 else contrast
+        mask = _drawn(contrast, speckled=speckled, blurred=blurred)
     if reduction == 1:
         mean = contrast
     else:
         mean = _taken(mean, _paper_at(paper, level, grey.shape, mean.shape, reduction))
     height = grey.shape[0] * metres_per_px
     return Ink(mask, mean, reduction, metres_per_px * reduction, height, level if angle else None)
+
+
+def _focused(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the contrast without blur, and without the specks that come to light."""
+    sharp = sharpened(contrast)
+    paper = np.asarray(cv2.bitwise_not(sharp), dtype=np.uint8)
+    if not is_speckled(paper):
+        return sharp
+    clean = np.asarray(cv2.bitwise_not(without_specks(paper, fill=False)), dtype=np.uint8)
+    return mended(clean)
 
 
 def drop_dust(ink: Ink) -> tuple[Ink, NDArray[np.float64]]:
@@ -163,7 +182,7 @@ def _reduced(sheet: NDArray[np.uint8], k: int) -> tuple[NDArray[np.uint8], NDArr
     return darkest, mean
 
 
-def _drawn(contrast: NDArray[np.uint8], *, is_soft: bool) -> NDArray[np.bool_]:
+def _drawn(contrast: NDArray[np.uint8], *, speckled: bool, blurred: bool) -> NDArray[np.bool_]:
     """Return what stands out from the paper; on a soft sheet, without the slopes beside it."""
     noise = float(np.median(contrast[::3, ::3])) + 6.0 * _spread(contrast)
     floor = min(max(_LEAST_CONTRAST, noise), 90.0)
@@ -173,15 +192,27 @@ def _drawn(contrast: NDArray[np.uint8], *, is_soft: bool) -> NDArray[np.bool_]:
         return np.zeros(contrast.shape, dtype=np.bool_)
     high = float(np.searchsorted(np.cumsum(counts), 0.75 * counts.sum()))
     strong = max(floor, _SHARE_OF_DARKEST * high)
-    sharp = _without_fringe(contrast) if is_soft else contrast
+    sharp = contrast
+    if speckled or blurred:
+        slope = _slopes(contrast)
+        sharp = np.where(slope & ~_goes_on(contrast) if blurred else slope, np.uint8(0), contrast)
     return _hysteresis(sharp, low=max(strong / 2, floor), high=strong)
 
 
-def _without_fringe(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """Return the contrast without the slopes that blur lays beside every line."""
+def _slopes(contrast: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return what is far lighter than a neighbour: the slopes that blur lays beside every line."""
     highest = cv2.dilate(contrast, np.ones((3, 3), np.uint8))
-    slope = cv2.subtract(cv2.convertScaleAbs(highest, alpha=_FRINGE), contrast) > 0
-    return np.where(slope, np.uint8(0), contrast)
+    return np.asarray(cv2.convertScaleAbs(highest, alpha=_FRINGE) > contrast, dtype=np.bool_)
+
+
+def _goes_on(contrast: NDArray[np.uint8]) -> NDArray[np.bool_]:
+    """Return where a light line runs into a heavy one: darker on one side, on the other hardly lighter."""
+    out = np.zeros(contrast.shape, dtype=np.bool_)
+    least = cv2.convertScaleAbs(contrast, alpha=_GOES_ON)
+    for ahead, behind in _OPPOSITE:
+        is_beside = cv2.convertScaleAbs(cv2.dilate(contrast, ahead), alpha=_FRINGE) > contrast
+        out |= is_beside & (cv2.erode(contrast, behind) > least)
+    return out
 
 
 def _spread(contrast: NDArray[np.uint8]) -> float:

@@ -14,6 +14,7 @@ _SHARE = 3e-4
 _EDGE, _STEP, _SHARP_SHARE = 60, 0.72, 0.05
 _STRIP_ROWS = 512
 _BLUR, _ROUNDS, _ROUND_ROWS = 0.8, 12, 72
+_HEADINGS, _LONG = 16, 9
 _RING = np.array([[1, 1, 1], [1, 0, 1], [1, 1, 1]], dtype=np.uint8)
 _WINDOW = np.ones((5, 5), dtype=np.uint8)
 _PAIRS = (
@@ -64,6 +65,29 @@ def sharpened(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
             true *= cv2.GaussianBlur(seen / cv2.GaussianBlur(true, (0, 0), _BLUR), (0, 0), _BLUR)
         out[top:bottom] = np.clip(true[top - low : bottom - low], 0.0, 255.0).astype(np.uint8)
     return out
+
+
+def mended(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
+    """Return the (H, W) contrast with lines that a bad scan broke up, and without what it strewed about.
+
+    It is the geometric mean of the contrast and of its mean over 9 px in that of 16 directions in which it is
+    darkest: that of the line through the pixel.
+    """
+    along = np.zeros_like(contrast)
+    for k in range(_HEADINGS):
+        cv2.max(along, cv2.filter2D(contrast, -1, _segment(np.pi * k / _HEADINGS)), dst=along)
+    both = cv2.multiply(contrast, along, dtype=cv2.CV_32F)
+    return np.asarray(cv2.sqrt(both, dst=both), dtype=np.uint8)
+
+
+def _segment(angle: float) -> NDArray[np.float32]:
+    """Return the kernel of the mean along a line of 9 px through the middle."""
+    share = np.linspace(-(_LONG // 2), _LONG // 2, 4 * _LONG + 1)
+    kernel = np.zeros((_LONG, _LONG), dtype=np.float32)
+    x, y = share * np.cos(angle) + _LONG // 2, share * np.sin(angle) + _LONG // 2
+    at = np.unique(np.rint(np.column_stack([y, x])).astype(int), axis=0)
+    kernel[at[:, 0], at[:, 1]] = 1.0
+    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
 
 
 def _tiles(grey: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:
