@@ -55,7 +55,9 @@ class AcceptancePolicy:
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
         a pose that leaves structure unexplained, half of that more is asked.
-    contradiction_weight : float
+    free_rival_margin : float
+        The margin for a runner-up that nothing is seen through walls at.
+    contradiction_weight, closed_contradiction_weight : float
         What a share of points behind walls takes off an explained share, where poses are compared.
     least_agreement : float
         Least share of the starts that end at the pose.
@@ -82,7 +84,9 @@ class AcceptancePolicy:
     closed_sensitivity_m: float = 0.06
     closed_rival: float = 0.7
     runner_up_margin: float = 0.1
-    contradiction_weight: float = 10.0
+    free_rival_margin: float = 0.2
+    contradiction_weight: float = 2.0
+    closed_contradiction_weight: float = 10.0
     least_agreement: float = 0.4
     largest_move_m: float = 3.5
     largest_turn_rad: float = math.radians(50.0)
@@ -202,14 +206,19 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
 
 
 def _rivalled(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
-    """Return whether the runner-up explains the scan nearly as well."""
+    """Return whether the runner-up explains the scan nearly as well, or would if walls were glass."""
     if e.runner_up_inlier_share is None:
         return False
-    weight = policy.contradiction_weight
+    closed, seen_through = _closed(e, policy), e.runner_up_contradicted_share or 0.0
+    if e.runner_up_inlier_share > e.inlier_share_of_structure:
+        return True
+    weight = policy.closed_contradiction_weight if closed else policy.contradiction_weight
     here = e.inlier_share_of_structure - weight * e.contradicted_share
-    there = e.runner_up_inlier_share - weight * (e.runner_up_contradicted_share or 0.0)
+    there = e.runner_up_inlier_share - weight * seen_through
     margin = policy.runner_up_margin + (1.0 - e.inlier_share_of_structure) / 2.0
-    if _closed(e, policy):
+    if seen_through <= policy.largest_contradicted_share:
+        margin = max(margin, policy.free_rival_margin)
+    if closed:
         margin = min(margin, (1.0 - policy.closed_rival) * here)
     return there > here - margin
 

@@ -15,22 +15,19 @@ from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.recipe import Recipe
 from service.domain.scale import KnownLength, ScaleHint
-from service.domain.transform import Transform
-from tests.benchmarks.vlp16 import free_points, load_world, scan
+from tests.benchmarks.vlp16 import OFF_M, free_points, load_world, position_errors, scan, starts_off
 from worker.formats.drawing import read_drawing_file
 from worker.formats.raster import load_raster
 from worker.geometry.cloud.extrude import extrude, footprint, planes, wall_columns
 from worker.geometry.cloud.merge import compound
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.drawing.reading.reading import Column, Wall
-from worker.geometry.registration.ndt import register_ndt
-from worker.geometry.registration.ndt_map import NdtMap, build_ndt_map
+from worker.geometry.registration.ndt_map import build_ndt_map
 
 pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 
 POINTS = 40
 VOXEL, HEIGHT, RESOLUTION = 0.1, 2.5, 1.0
-OFF_M, OFF_YAW = 0.3, np.deg2rad(5.0)
 CLEARANCE = 0.35
 DARK = 200
 WORLD_TO_SHEET = (0.0, 14.5353)
@@ -50,33 +47,6 @@ def _dark_cloud(grey: NDArray[np.uint8], metres_per_px: float) -> NDArray[np.flo
     parts = [extrude(xy, wall_height=HEIGHT, voxel_size=VOXEL)]
     parts += planes(xy, wall_height=HEIGHT, voxel_size=VOXEL, floor=True, ceiling=False)
     return np.vstack([p.points for p in parts]).astype(np.float64)
-
-
-def _starts(truth: NDArray[np.float64], rng: np.random.Generator) -> list[Transform]:
-    out = []
-    for position in truth:
-        angle, turn = rng.uniform(0.0, 2.0 * np.pi), OFF_YAW * rng.choice((-1.0, 1.0))
-        shift = OFF_M * np.array([np.cos(angle), np.sin(angle), 0.0])
-        pose = np.eye(4)
-        pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
-        pose[:3, 3] = position + shift
-        out.append(Transform(pose))
-    return out
-
-
-def _errors(
-    target: NdtMap,
-    scans: Sequence[NDArray[np.float64]],
-    starts: Sequence[Transform],
-    truth: NDArray[np.float64],
-) -> NDArray[np.float64]:
-    """Return the position errors of all scans on the plan and in height, (N, 2) [m]."""
-    found = [
-        register_ndt(points, target, initial=start).T_target_source.matrix[:3, 3]
-        for points, start in zip(scans, starts, strict=True)
-    ]
-    off = np.array(found) - truth
-    return np.column_stack([np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])])
 
 
 def _true_walls(truth: dict[str, Any]) -> list[Wall]:
@@ -100,7 +70,7 @@ def test_a_lidar_finds_itself_in_the_map_of_a_drawing(shared_data: Path) -> None
     positions = free_points(world, candidates, count=POINTS, clearance=CLEARANCE)
     assert len(positions) == POINTS
     scans = [scan(world, p, every=4, rng=rng) for p in positions]
-    starts = _starts(positions, rng)
+    starts = starts_off(positions, rng)
 
     clouds = {
         "our reading": _cloud(reading.walls, reading.columns),
@@ -110,7 +80,7 @@ def test_a_lidar_finds_itself_in_the_map_of_a_drawing(shared_data: Path) -> None
     print(f"\n{POINTS} VLP-16 scans in the world of {sheet.name}, started {OFF_M} m and 5 degrees off")
     results = {}
     for name, cloud in clouds.items():
-        on_plan, in_height = _errors(build_ndt_map(cloud, RESOLUTION), scans, starts, positions).T
+        on_plan, in_height = position_errors(build_ndt_map(cloud, RESOLUTION), scans, starts, positions).T
         results[name] = on_plan
         print(
             f"{name:>24}: mean position error {on_plan.mean():.3f} m (median {np.median(on_plan):.3f}), "

@@ -2,19 +2,24 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.transform import Transform
 from worker.geometry.lidar.ray_casting import cast_rays
 from worker.geometry.lidar.scene import Scene
+from worker.geometry.registration.ndt import register_ndt
+from worker.geometry.registration.ndt_map import NdtMap
 
 RINGS = np.deg2rad(np.linspace(-15.0, 15.0, 16))
 AZIMUTH_STEP = np.deg2rad(0.2)
 HEIGHT = 1.0
 NOISE = 0.03
 NEAREST, FARTHEST = 0.4, 100.0
+OFF_M, OFF_YAW = 0.3, np.deg2rad(5.0)
 
 
 def load_world(path: Path, offset: tuple[float, float]) -> Scene:
@@ -59,3 +64,31 @@ def free_points(
         if nearest >= clearance:
             out.append(np.array([x, y, HEIGHT]))
     return np.array(out)
+
+
+def starts_off(truth: NDArray[np.float64], rng: np.random.Generator) -> list[Transform]:
+    """Return a start 0.3 m and 5 degrees off each of (N, 3) true positions."""
+    out = []
+    for position in truth:
+        angle, turn = rng.uniform(0.0, 2.0 * np.pi), OFF_YAW * rng.choice((-1.0, 1.0))
+        shift = OFF_M * np.array([np.cos(angle), np.sin(angle), 0.0])
+        pose = np.eye(4)
+        pose[:2, :2] = [[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]
+        pose[:3, 3] = position + shift
+        out.append(Transform(pose))
+    return out
+
+
+def position_errors(
+    target: NdtMap,
+    scans: Sequence[NDArray[np.float64]],
+    starts: Sequence[Transform],
+    truth: NDArray[np.float64],
+) -> NDArray[np.float64]:
+    """Return the position errors of all scans on the plan and in height, (N, 2) [m]."""
+    found = [
+        register_ndt(points, target, initial=start).T_target_source.matrix[:3, 3]
+        for points, start in zip(scans, starts, strict=True)
+    ]
+    off = np.array(found) - truth
+    return np.column_stack([np.hypot(off[:, 0], off[:, 1]), np.abs(off[:, 2])])

@@ -23,6 +23,7 @@ from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
+_GLIMPSE = 0.02
 _SECTOR, _EYE_HEIGHT, _BEHIND = np.deg2rad(2.0), (1.2, 1.9), 0.4
 _FLOOR, _STRIDE, _MOST_PLACES = 0.15, 1.0, 60
 
@@ -139,7 +140,8 @@ def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
 
 def _closed(fit: measure.Fit) -> int:
     """Return in how many directions the tablet stood between two walls of the map that it saw."""
-    return measure.closed_directions(measure.upright_planes(fit, fit.upright, sided=True))
+    planes = measure.upright_planes(fit, fit.upright, sided=True, least_share=_GLIMPSE)
+    return measure.closed_directions(planes)
 
 
 def _self_hidden(problem: Problem, fit: measure.Fit, pose: Transform) -> float:

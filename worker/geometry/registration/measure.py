@@ -194,7 +194,9 @@ def _name(vector: NDArray[np.float64], unknowns: tuple[int, ...]) -> str:
     return _NAMES[int(np.argmax(np.abs(xi)))]
 
 
-def upright_planes(fit: Fit, among: NDArray[np.bool_], *, sided: bool) -> NDArray[np.float64]:
+def upright_planes(
+    fit: Fit, among: NDArray[np.bool_], *, sided: bool, least_share: float = _LEAST_PLANE_SHARE
+) -> NDArray[np.float64]:
     """Return the distinct upright planes of the map on which upright inliers lie.
 
     Parameters
@@ -205,6 +207,8 @@ def upright_planes(fit: Fit, among: NDArray[np.bool_], *, sided: bool) -> NDArra
         Points that count, such as the structure.
     sided : bool
         Whether the two faces of a wall count as two.
+    least_share : float
+        Share of these inliers that makes a plane.
 
     Returns
     -------
@@ -214,7 +218,7 @@ def upright_planes(fit: Fit, among: NDArray[np.bool_], *, sided: bool) -> NDArra
     Notes
     -----
     Greedy: the most populated of 24 headings times 0.1 m offsets, with the points around it, is counted and
-    taken away, until what is left is under 4 % of the upright inliers.
+    taken away, until what is left is less than a plane.
     """
     upright = fit.inlier & among & (np.abs(fit.plane[:, 2]) < _UPRIGHT)
     p, n = fit.placed[upright, :2], fit.plane[upright, :2]
@@ -223,7 +227,7 @@ def upright_planes(fit: Fit, among: NDArray[np.bool_], *, sided: bool) -> NDArra
     if not sided:
         flipped = (n[:, 1] < 0) | ((n[:, 1] == 0) & (n[:, 0] < 0))
         n = np.where(flipped[:, None], -n, n)
-    least = max(_LEAST_PLANE_POINTS, _LEAST_PLANE_SHARE * len(p))
+    least = max(_LEAST_PLANE_POINTS, least_share * len(p))
     planes = []
     while len(p) >= least:
         heading = np.round(np.arctan2(n[:, 1], n[:, 0]) / np.deg2rad(15.0)).astype(np.int64)

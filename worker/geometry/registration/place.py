@@ -16,10 +16,8 @@ from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.registration import measure
 from worker.geometry.registration.evidence import Found, gather_evidence, look_at
-from worker.geometry.registration.ndt import register_ndt
-from worker.geometry.registration.ndt_map import build_ndt_map
 from worker.geometry.registration.prepare import prepare_scan
-from worker.geometry.registration.problem import MARGIN, Problem
+from worker.geometry.registration.problem import Problem
 from worker.geometry.registration.refine import refine_to_surfaces
 from worker.geometry.registration.search import Region, search
 from worker.geometry.registration.starts import End, ends_of, merge_ends, start_poses
@@ -99,7 +97,7 @@ def place_scan(
     initial : Transform or None
         Rough `T_map_scan`, within 3 m and 45 degrees; None searches the whole map.
     ndt_resolution : float
-        Edge of the NDT cells [m]; on a cloud twice and half of it are used before and after it.
+        Edge of the NDT cells [m]; on a cloud twice of it is used before.
     progress : callable, optional
         Told the stage and the share done; what it raises ends the work.
 
@@ -116,8 +114,8 @@ def place_scan(
     Notes
     -----
     The scan's upright structure is searched for among the map's (`search`); each distinct place is refined to
-    the map's surfaces, robustly, on a bare cloud by NDT at falling cell sizes (Magnusson 2009) from seven
-    starts around the rough pose as well; the one that explains most of the scan's structure is given.
+    the map's surfaces, robustly; on a bare cloud NDT at falling cell sizes (Magnusson 2009) from seven starts
+    around the rough pose finds places as well. The one that explains most of the scan's structure is given.
     The same inputs give the same bytes, whatever the number of threads.
     """
     tell = progress or (lambda _stage, _share: None)
@@ -180,7 +178,8 @@ def _height(problem: Problem, initial: Transform | None) -> float:
     if target.kind == "cloud":
         if initial is not None:
             return float(initial.translation[2])
-        around = target.around(target.points.mean(axis=0), np.inf)
+        middle = target.points.mean(axis=0)
+        around = target.around(middle, np.inf, eye=middle)
         return level_shift(scan.fine, scan.normals, onto=around.points, onto_normals=around.normals)
     if scan.floor is not None:
         return -scan.floor
@@ -191,25 +190,18 @@ def _height(problem: Problem, initial: Transform | None) -> float:
 
 def _refine_ends(problem: Problem, ends: list[End], tell: Progress) -> list[Found]:
     """Return the ends refined, made distinct again, the best first; those without hope are left out."""
-    refined = []
+    moved = []
     for done, end in enumerate(ends):
         tell("refine", 0.6 + 0.15 * done / len(ends))
-        if problem.target.kind == "faces":
-            moved = _refine_on_faces(problem, end, thorough=False)
-        else:
-            moved = _refine_on_cloud(problem, end)
-        refined.append(replace(moved, score=look_at(problem, moved).score))
-    refined = merge_ends(refined, problem.scan.middle)
-    if problem.target.kind == "faces":
-        least = max(end.score for end in refined) - _HOPELESS
-        finished = [_refine_on_faces(problem, end, thorough=True) for end in refined if end.score >= least]
-        scored = [replace(end, score=look_at(problem, end).score) for end in finished]
-        refined = merge_ends(scored, problem.scan.middle)
-    found = [look_at(problem, end) for end in refined]
+        moved.append(_refine(problem, end, thorough=False))
+    distinct = merge_ends(moved, problem.scan.middle)
+    least = max(end.score for end in distinct) - _HOPELESS
+    finished = [_refine(problem, end, thorough=True) for end in distinct if end.score >= least]
+    found = [look_at(problem, end) for end in merge_ends(finished, problem.scan.middle)]
     return sorted(found, key=lambda f: -f.score)[:_MOST_CANDIDATES]
 
 
-def _refine_on_faces(problem: Problem, end: End, *, thorough: bool) -> End:
+def _refine(problem: Problem, end: End, *, thorough: bool) -> End:
     last = refine_to_surfaces(
         problem.scan.fine,
         problem.scan.normals,
@@ -217,23 +209,8 @@ def _refine_on_faces(problem: Problem, end: End, *, thorough: bool) -> End:
         initial=end.T_map_scan,
         thorough=thorough,
     )
-    return End(last.T_map_scan, 0.0, end.starts, last.converged, end.iterations + last.iterations)
-
-
-def _refine_on_cloud(problem: Problem, end: End) -> End:
-    """Return where NDT ends; a hypothesis of the search passes the middle cells first."""
-    pose, iterations, converged = end.T_map_scan, end.iterations, end.converged
-    grids = (1.0, 0.5) if end.starts == 0 else (0.5,)
-    for grid in grids:
-        ndt_map = build_ndt_map(
-            problem.target.near(problem.centre(pose), problem.scan.radius + 2.0 * MARGIN),
-            grid * problem.ndt_resolution,
-        )
-        if len(ndt_map):
-            result = register_ndt(problem.scan.coarse, ndt_map, initial=pose, tolerance=1e-3)
-            pose, iterations = result.T_target_source, iterations + result.iterations
-            converged = result.converged
-    return End(pose, 0.0, end.starts, converged, iterations)
+    refined = End(last.T_map_scan, 0.0, end.starts, last.converged, end.iterations + last.iterations)
+    return replace(refined, score=look_at(problem, refined).score)
 
 
 def _labels(scan: PointCloud, surfaces: Surfaces, pose: Transform) -> NDArray[np.uint8]:

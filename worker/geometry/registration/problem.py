@@ -17,6 +17,7 @@ from worker.geometry.registration.target import PlacementTarget
 MARGIN = 2.0
 """How far around a scan the map is looked at, and the lattice on which that is kept [m]."""
 _FURNITURE = 1.2
+_STRIDE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -26,7 +27,7 @@ class Problem:
     scan: PreparedScan
     target: PlacementTarget
     ndt_resolution: float
-    _around: dict[tuple[int, int], Surfaces] = field(default_factory=dict)
+    _around: dict[tuple[float, ...], Surfaces] = field(default_factory=dict)
 
     @property
     def structure_from(self) -> float | None:
@@ -39,7 +40,7 @@ class Problem:
         return np.asarray(np.round(middle / MARGIN) * MARGIN, dtype=np.float64)
 
     def surfaces(self, pose: Transform) -> Surfaces:
-        """Return the map's surfaces around a pose.
+        """Return the map's surfaces around a pose; of a cloud those that the tablet could see.
 
         Raises
         ------
@@ -47,10 +48,11 @@ class Problem:
             If there is none.
         """
         centre = self.centre(pose)
-        key = (int(centre[0]), int(centre[1]))
+        eye = np.round(pose.apply(self.scan.viewpoint[None])[0] / _STRIDE) * _STRIDE
+        key = (*centre[:2], *(eye if self.target.kind == "cloud" else ()))
         if key not in self._around:
-            top = float(np.ptp(self.scan.fine[:, 2]))
-            self._around[key] = self.target.around(centre, self.scan.radius + 2.0 * MARGIN, top=top)
+            top, radius = float(np.ptp(self.scan.fine[:, 2])), self.scan.radius + 2.0 * MARGIN
+            self._around[key] = self.target.around(centre, radius, eye=eye, top=top)
         if not len(self._around[key]):
             raise PlacementNotComputed(
                 f"The map has no surface within {self.scan.radius + MARGIN:.1f} m of the rough pose "

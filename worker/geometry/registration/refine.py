@@ -14,6 +14,13 @@ from worker.geometry.registration.surfaces import Surfaces
 _ROUNDS = ((0.5, 5), (0.35, 5), (0.25, 12), (0.25, 20))
 """Reach [m] and most steps of each round; all points take part in the last."""
 _LEVELLED_ROUNDS = 2
+_ON_COARSE = ((0.5, 5), (0.35, 5), (0.25, 12), (0.05, 20))
+_ASIDE = 0.5
+_TURNS = np.deg2rad([0.0, 1.0, -1.0, 2.0, -2.0])
+"""The same on coarse surfaces, how far aside their points may be [m], and from where the last round begins.
+
+Such a cloud often has but the far face of a wall, which pulls the pose aside until it is let go.
+"""
 _ROUGH_POINTS = 1500
 _TILT_PRIOR = np.deg2rad(1.0)
 _PRIOR_NOISE = 0.02
@@ -62,42 +69,80 @@ def refine_to_surfaces(
     Gauss-Newton on point-to-plane distances with Tukey's biweight (Chen & Medioni 1992; Zhang 1994).
     O(N log M) a step.
     """
-    pose, iterations, small = initial, 0, False
-    lever = max(float(np.sqrt(np.mean(np.sum((points - points.mean(axis=0)) ** 2, axis=1)))), 1e-3)
+    done = Refined(initial, False, 0)
+    rounds = _ON_COARSE if surfaces.coarse else _ROUNDS
     some = slice(None, None, 1 + len(points) // _ROUGH_POINTS)
-    for nth, (reach, steps) in enumerate(_ROUNDS if thorough else _ROUNDS[:-1]):
-        unknowns = np.array(LEVELLED if nth < _LEVELLED_ROUNDS else ALL_SIX)
-        used = slice(None) if nth == len(_ROUNDS) - 1 else some
-        for _ in range(steps):
-            step = _step(points[used], normals[used], surfaces, pose=pose, reach=reach, unknowns=unknowns)
-            if step is None:
-                return Refined(pose, False, iterations)
-            xi, centre = step
-            pose = moved(pose, xi, centre)
-            iterations += 1
-            small = bool(np.linalg.norm(xi[:3]) + lever * np.linalg.norm(xi[3:]) < tolerance)
-            if small:
-                break
-    return Refined(pose, small, iterations)
+    for nth, (reach, steps) in enumerate(rounds if thorough else rounds[:-1]):
+        last = nth == len(rounds) - 1
+        used = slice(None) if last else some
+        fit = _Fit(
+            points[used],
+            normals[used],
+            surfaces,
+            reach,
+            np.array(LEVELLED if surfaces.coarse or nth < _LEVELLED_ROUNDS else ALL_SIX),
+        )
+        ends = [_descend(fit, start, steps, tolerance) for start in _starts(fit, done.T_map_scan, last=last)]
+        best = ends[0] if len(ends) == 1 else max(ends, key=lambda end: _agreement(fit, end.T_map_scan))
+        done = Refined(best.T_map_scan, best.converged, done.iterations + sum(e.iterations for e in ends))
+    return done
 
 
-def _step(
-    points: NDArray[np.float64],
-    normals: NDArray[np.float64],
-    surfaces: Surfaces,
-    *,
-    pose: Transform,
-    reach: float,
-    unknowns: NDArray[np.intp],
-) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+@dataclass(frozen=True, eq=False)
+class _Fit:
+    """Hold what a round fits: points with normals to surfaces within a reach, in some unknowns."""
+
+    points: NDArray[np.float64]
+    normals: NDArray[np.float64]
+    surfaces: Surfaces
+    reach: float
+    unknowns: NDArray[np.intp]
+
+    def matched(
+        self, pose: Transform
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
+        """Return the points within reach, their distances, the normals there, and Tukey's weights."""
+        placed, aside = pose.apply(self.points), _ASIDE if self.surfaces.coarse else 0.0
+        distance, plane, found = self.surfaces.match(
+            placed, self.normals @ pose.rotation.T, reach=max(self.reach, aside)
+        )
+        found &= np.abs(distance) < self.reach
+        return placed[found], distance[found], plane[found], (1.0 - (distance[found] / self.reach) ** 2) ** 2
+
+
+def _starts(fit: _Fit, pose: Transform, *, last: bool) -> list[Transform]:
+    """Return where a round begins: on coarse surfaces the last one also a degree or two to each side."""
+    if not (last and fit.surfaces.coarse):
+        return [pose]
+    centre = pose.apply(fit.points.mean(axis=0)[None])[0]
+    return [moved(pose, np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn]), centre) for turn in _TURNS]
+
+
+def _agreement(fit: _Fit, pose: Transform) -> float:
+    return float(fit.matched(pose)[3].sum())
+
+
+def _descend(fit: _Fit, start: Transform, steps: int, tolerance: float) -> Refined:
+    """Return where Gauss-Newton steps lead; not converged where too little is matched."""
+    pose, small, taken = start, False, 0
+    spread = fit.points - fit.points.mean(axis=0)
+    lever = max(float(np.sqrt(np.mean(np.sum(spread**2, axis=1)))), 1e-3)
+    while taken < steps and not small:
+        step = _step(fit, pose)
+        if step is None:
+            return Refined(pose, False, taken)
+        xi, centre = step
+        pose = moved(pose, xi, centre)
+        taken += 1
+        small = bool(np.linalg.norm(xi[:3]) + lever * np.linalg.norm(xi[3:]) < tolerance)
+    return Refined(pose, small, taken)
+
+
+def _step(fit: _Fit, pose: Transform) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return one Gauss-Newton step (v, w) about a centre, or None when too little is matched."""
-    placed = pose.apply(points)
-    distance, plane, found = surfaces.match(placed, normals @ pose.rotation.T, reach=reach)
-    found &= np.abs(distance) < reach
-    if np.count_nonzero(found) < _LEAST_MATCHES:
+    p, r, n, weight = fit.matched(pose)
+    if len(p) < _LEAST_MATCHES:
         return None
-    p, r, n = placed[found], distance[found], plane[found]
-    weight = (1.0 - (r / reach) ** 2) ** 2
     centre: NDArray[np.float64] = p.mean(axis=0)
     J = np.hstack([n, np.cross(p - centre, n)])
     H = (J * weight[:, None]).T @ J
@@ -108,10 +153,11 @@ def _step(
     H[3, 3] += prior
     H[4, 4] += prior
     g[3:5] -= prior * tilt
-    H, g = H[np.ix_(unknowns, unknowns)], g[unknowns]
+    free = fit.unknowns
+    H, g = H[np.ix_(free, free)], g[free]
     xi = np.zeros(6)
-    xi[unknowns] = np.linalg.solve(H + 1e-6 * len(p) * np.eye(len(g)), -g)
-    return _limited(xi, reach), centre
+    xi[free] = np.linalg.solve(H + 1e-6 * len(p) * np.eye(len(g)), -g)
+    return _limited(xi, fit.reach), centre
 
 
 def _limited(xi: NDArray[np.float64], reach: float) -> NDArray[np.float64]:

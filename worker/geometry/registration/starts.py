@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.transform import Transform
-from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, moved, register_ndt
+from worker.geometry.registration.ndt import LEVELLED, moved, register_ndt
 from worker.geometry.registration.ndt_map import NdtMap
 
 SAME_DISTANCE = 0.1
@@ -60,7 +60,7 @@ def ends_of(
     points : ndarray of shape (N, 3), float64
         The thinned scan in its frame [m].
     maps : sequence of NdtMap
-        Coarse to fine. All but the last keep the scan's z axis up.
+        Coarse to fine. The scan's z axis stays up.
     starts : sequence of Transform
         Where to begin.
     told : callable
@@ -73,7 +73,7 @@ def ends_of(
         for ndt_map in maps:
             last = ndt_map is maps[-1]
             result = register_ndt(
-                points, ndt_map, initial=pose, unknowns=ALL_SIX if last else LEVELLED,
+                points, ndt_map, initial=pose, unknowns=LEVELLED,
                 tolerance=1e-3 if last else 1e-2, max_iterations=60 if last else 30,
             )  # fmt: skip
             pose, score = result.T_target_source, result.score / len(points)

@@ -27,11 +27,14 @@ class Surfaces:
         Unit normals; when `sided`, they point away from the solid.
     sided : bool
         Whether the sign of a normal means anything.
+    coarse : bool
+        Whether the points are so far apart that a scan's own normals are better than these.
     """
 
     points: NDArray[np.float64]
     normals: NDArray[np.float64]
     sided: bool
+    coarse: bool = False
 
     def __len__(self) -> int:
         return len(self.points)
@@ -80,6 +83,8 @@ class Surfaces:
         matched = self.normals[nearest]
         if self.sided and normals is not None:
             found &= ~known | (np.sum(matched * normals, axis=1) > 0.3)
+        if self.coarse and normals is not None:
+            matched = np.where(known[:, None], normals, matched)
         return np.sum(between * matched, axis=1), matched, found
 
 

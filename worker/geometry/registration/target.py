@@ -14,6 +14,7 @@ from service.domain.evidence import MapKind
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.drawing.reading.reading import Column, Wall
 from worker.geometry.registration.cloud_outline import CloudOutline
+from worker.geometry.registration.cloud_surfaces import seen_surfaces
 from worker.geometry.registration.faces import Faces
 from worker.geometry.registration.search import Outline
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
@@ -136,14 +137,17 @@ class PlacementTarget:
             return np.zeros(len(points), dtype=bool)
         return self.faces.hidden_from(viewpoint[:2], points[:, :2], clearance=clearance, give=give)
 
-    def around(self, centre: NDArray[np.float64], radius: float, *, top: float = 0.0) -> Surfaces:
+    def around(
+        self, centre: NDArray[np.float64], radius: float, *, eye: NDArray[np.float64], top: float = 0.0
+    ) -> Surfaces:
         """Return the surfaces within `radius` [m] of `centre` (3,), seen from above.
 
-        A drawing does not tell how high its walls are: where no ceiling is known they go on up to `top` [m].
+        Of a cloud those that can be seen from `eye` (3,) [m]. A drawing does not tell how high its walls are:
+        where no ceiling is known they go on up to `top` [m].
         """
-        cloud = _cloud_surfaces(self.near(centre, radius))
         if self.faces is None:
-            return cloud
+            return seen_surfaces(self.near(centre, radius), eye)
+        cloud = _cloud_surfaces(self.near(centre, radius))
         height = self.wall_height if self.ceiling else max(self.wall_height, top)
         parts = [
             _walls(self.faces, centre, radius, height),
