@@ -78,9 +78,10 @@ def find_ink(grey: NDArray[np.uint8], metres_per_px: float) -> Ink:
     The paper's own colour is found locally (what is brightest within 2.6 m, smoothed), and ink is measured
     as the share of that light which it takes away, so that shade, folds and tinted paper neither pass for
     ink nor weaken it. A speckled sheet loses its specks, it and a blurred one the slopes beside their lines;
-    where specks were blurred as well, lines are mended. One that lies askew is levelled. Then it is reduced to about 1 cm a pixel by the darkest pixel of each
-    block, so that thin lines survive. Ink is what stands out from the paper by 40 % of the drawing's own dark
-    strokes; what stands out by half of that counts where it touches such ink.
+    where specks were blurred as well, lines are mended. One that lies askew is levelled. Then it is reduced
+    to about 1 cm a pixel by the darkest pixel of each block, so that thin lines survive. Ink is what stands
+    out from the paper by 40 % of the drawing's own dark strokes; what stands out by half of that counts where
+    it touches such ink.
 
     Notes
     -----

@@ -180,8 +180,8 @@ def lightest_wall_pen(
 def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fair: NDArray[np.bool_]) -> int:
     """Return the cut of the heaviest fair pen that is half paired and set off from lighter ones, or 0.
 
-    It is paired hardly less than all strokes are. Set off is a pen where little is drawn just under its weight:
-    60 % at most of its own densest weight, and of the densest lighter one.
+    It is paired hardly less than all strokes are. Set off is a pen where little is drawn just under its
+    weight: 60 % at most of its own densest weight, and of the densest lighter one.
     """
     smooth = np.convolve(density, np.ones(3) / 3, mode="same")
     paired = np.where(fair, shares, -1.0)
