@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 
 import numpy as np
@@ -12,7 +13,7 @@ from numpy.typing import NDArray
 
 from worker.geometry.registration.derivatives import derivatives, score_points
 from worker.geometry.registration.ndt import rotation_matrix
-from worker.geometry.registration.ndt_map import NdtMap, build_ndt_map, gauss_constants
+from worker.geometry.registration.ndt_map import CellCovariance, NdtMap, build_ndt_map, gauss_constants
 
 # Clusters two cells apart: no point comes near the distance at which a Gaussian begins to count.
 CENTRES = np.array([[0.5, 0.5, 0.5], [5.5, 0.5, 0.5], [0.5, 5.5, 0.5], [2.5, 2.5, 4.5]])
@@ -129,3 +130,20 @@ def test_a_cell_without_a_size_is_a_defect(resolution: float) -> None:
 def test_points_beyond_the_key_space_are_a_defect() -> None:
     with pytest.raises(ValueError, match="reach farther"):
         build_ndt_map(np.array([[2e6, 0.0, 0.0]] * 10), 1.0)
+
+
+@pytest.mark.parametrize(
+    ("covariance", "thin", "wide"),
+    [
+        ("exact", 0.02 / 7, 0.32 / 7),
+        ("pcl-1.11", (0.02 + 1.0) / 8 * 7 / 8, (0.32 + 1.0) / 8 * 7 / 8),
+        ("autoware", (0.02 + 1.0) / 7, (0.32 + 1.0) / 7),
+    ],
+)
+def test_a_cells_covariance_is_what_the_robots_ndt_makes_of_it(
+    covariance: CellCovariance, thin: float, wide: float
+) -> None:
+    """Eight corners of a box 0.4 x 0.4 x 0.1 m: the sums of squares are 0.32, 0.32 and 0.02 m^2."""
+    corners = np.array(list(itertools.product((-0.2, 0.2), (-0.2, 0.2), (-0.05, 0.05)))) + 0.5
+    (cell,) = build_ndt_map(corners, 1.0, covariance=covariance).inverse_covariances
+    np.testing.assert_allclose(cell, [1 / wide, 0.0, 0.0, 1 / wide, 0.0, 1 / thin], atol=1e-9)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from typing import Literal
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,13 @@ def gauss_constants(resolution: float, *, outlier_ratio: float = OUTLIER_RATIO) 
     return d1, d2
 
 
-def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
+CellCovariance = Literal["exact", "pcl-1.11", "autoware"]
+"""What a robot's NDT makes of a cell's points: the same cloud is another map to another localizer."""
+
+
+def build_ndt_map(
+    points: NDArray[np.float64], resolution: float, *, covariance: CellCovariance = "exact"
+) -> NdtMap:
     """Return the NDT map of a point cloud; it may have no cell if the points are too few.
 
     Parameters
@@ -83,6 +90,9 @@ def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
         The target [m].
     resolution : float
         Edge of a cell [m].
+    covariance : {"exact", "pcl-1.11", "autoware"}
+        As PCL from 1.12 on; as PCL up to 1.11, which adds I/n and divides by n instead of n - 1; as Autoware
+        Core, which adds I/(n - 1). The identity is in m^2: it drowns walls in cells of few points.
 
     Raises
     ------
@@ -91,16 +101,16 @@ def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
 
     Notes
     -----
-    O(M). Covariance exact, over n - 1, as PCL from 1.12 on; cells of fewer than 6 points are left
-    out as there. A cell flatter than 1:100 is thickened to that (equation 6.11), and one without any
-    extent in two directions is left out. Unlike PCL, a perfectly flat cell is kept.
+    O(M). The exact covariance is that over n - 1; cells of fewer than 6 points are left out as in PCL. A
+    cell flatter than 1:100 is thickened to that (equation 6.11), and one without any extent in two directions
+    is left out. Unlike PCL, a perfectly flat cell is kept.
     """
     if not (math.isfinite(resolution) and resolution > 0.0):
         msg = f"a cell's edge is positive, not {resolution}"
         raise ValueError(msg)
     occupied, counts, means, covariances = cell_moments(points, resolution)
     kept = counts >= LEAST_POINTS
-    values, vectors = np.linalg.eigh(covariances[kept])
+    values, vectors = np.linalg.eigh(_as_run(covariances[kept], counts[kept], covariance))
     solid = values[:, 2] > _FLATTEST
     values, vectors = values[solid], vectors[solid]
     values = np.maximum(values, _LEAST_EIGENVALUE_SHARE * values[:, 2:])  # equation 6.11
@@ -112,3 +122,15 @@ def build_ndt_map(points: NDArray[np.float64], resolution: float) -> NdtMap:
         resolution, np.ascontiguousarray(means[kept][solid]), np.ascontiguousarray(packed),
         np.ascontiguousarray(vectors[:, :, 0]), table_keys, table_rows, row_starts, row_cells,
     )  # fmt: skip
+
+
+def _as_run(
+    exact: NDArray[np.float64], counts: NDArray[np.int64], covariance: CellCovariance
+) -> NDArray[np.float64]:
+    """Return exact covariances (C, 3, 3) of cells of so many points (C,) as a robot's NDT has them [m^2]."""
+    n = counts[:, None, None].astype(np.float64)
+    if covariance == "pcl-1.11":
+        return ((n - 1.0) * exact + np.eye(3)) / n * (n - 1.0) / n
+    if covariance == "autoware":
+        return exact + np.eye(3) / (n - 1.0)
+    return exact
