@@ -154,14 +154,12 @@ def single_walls(
     kept = anchored & candidates
     if not kept.any():
         return long
-    waiting = set(np.flatnonzero(long & ~kept).tolist())
-    while waiting:
-        body = np.flatnonzero(kept)
-        joined = [i for i in waiting if _touches(strokes, i, body, max(_TOUCH / m, 3.0))]
-        if not joined:
-            break
-        kept[joined] = True
-        waiting -= set(joined)
+    waiting = np.flatnonzero(long & ~kept)
+    body = np.flatnonzero(kept)
+    while len(body) and len(waiting):
+        joins = np.array([_touches(strokes, int(i), body, max(_TOUCH / m, 3.0)) for i in waiting], dtype=bool)
+        body, waiting = waiting[joins], waiting[~joins]
+        kept[body] = True
     return kept & long
 
 
