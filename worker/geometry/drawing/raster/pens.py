@@ -18,11 +18,10 @@ _PLACES = 9
 _CUT_SHORTEST, _CUT_STEP, _CUT_LEAST_CELLS = 0.3, 0.05, 3
 _STEP = 0.06
 _SHORTEST, _SIDE_BY_SIDE, _NARROWEST = 0.4, 0.5, 0.07
-_LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.08, 0.4, 0.1
+_LEAST_SPAN, _LEAST_PAIRED, _LEAST_SHARE, _BETTER = 0.55, 0.1, 0.4, 0.1
 _LIGHT, _HEAVY_END = 0.6, 0.6
 _MOSTLY_PAIRED, _SET_OFF, _PEN_STEPS = 0.5, 0.6, 4
 _LEAST_OF_ALL = 0.05
-_NO_LESS = 0.8
 _ALIKE = 1.34
 _ONE_PEN = float(np.log(1.4))
 
@@ -180,8 +179,8 @@ def lightest_wall_pen(
 def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fair: NDArray[np.bool_]) -> int:
     """Return the cut of the heaviest fair pen that is half paired and set off from lighter ones, or 0.
 
-    It is paired hardly less than all strokes are. Set off is a pen where little is drawn just under its
-    weight: 60 % at most of its own densest weight, and of the densest lighter one.
+    It is paired no less than all strokes are. Set off is a pen where little is drawn just under its weight:
+    60 % at most of its own densest weight, and of the densest lighter one.
     """
     smooth = np.convolve(density, np.ones(3) / 3, mode="same")
     paired = np.where(fair, shares, -1.0)
@@ -191,7 +190,7 @@ def _heaviest_pen(density: NDArray[np.float64], shares: NDArray[np.float64], fai
         first = max(0, best - _PEN_STEPS)
         gap = float(smooth[first : best + 1].min())
         beside = min(smooth[best : best + _PEN_STEPS + 2].max(), smooth[: first + 1].max())
-        if shares[best] >= _NO_LESS * shares[0] and gap <= _SET_OFF * beside:
+        if shares[best] >= shares[0] and gap <= _SET_OFF * beside:
             return best
     return 0
 
