@@ -17,6 +17,7 @@ from service.db.jobs import Attempt
 from service.db.models import Layer, Placement, Scan
 from service.domain.bounds import Bounds
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
+from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
 from worker.formats.scan import read_upright_scan
@@ -55,6 +56,7 @@ class LayerSource:
     name: str
     scan_id: str
     scan_sha256: str
+    options: ScanOptions
     T_map_scan: Transform
     labels_sha256: str | None
     part: LayerPart
@@ -65,6 +67,7 @@ class LayerSource:
             "name": self.name,
             "scan_id": self.scan_id,
             "scan_sha256": self.scan_sha256,
+            "scan_options": self.options.to_json(),
             "T_map_scan": self.T_map_scan.tolist(),
             "labels_sha256": self.labels_sha256,
             "part": self.part.to_json(),
@@ -103,7 +106,7 @@ class JobContext:
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's layers are made from, in their order."""
         wanted = (
-            select(Layer, Scan.blob_sha256, Placement)
+            select(Layer, Scan, Placement)
             .join(Scan, Scan.id == Layer.scan_id)
             .join(Placement, Placement.id == Layer.placement_id)
             .where(Layer.revision_id == revision_id)
@@ -115,12 +118,13 @@ class JobContext:
             LayerSource(
                 layer.name,
                 layer.scan_id,
-                sha256,
+                scan.blob_sha256,
+                ScanOptions.from_json(scan.options),
                 Transform(np.array(placement.T_map_scan)),
                 placement.labels_sha256,
                 WHOLE if layer.part is None else LayerPart.from_json(layer.part),
             )
-            for layer, sha256, placement in rows
+            for layer, scan, placement in rows
         ]
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
@@ -131,7 +135,8 @@ class JobContext:
         Rejected
             If the scan cannot be read; the leaf tells why.
         """
-        upright = read_upright_scan(self.kernel.blobs.path(source.scan_sha256), self.bounds)
+        path = self.kernel.blobs.path(source.scan_sha256)
+        upright = read_upright_scan(path, self.bounds, options=source.options)
         points = source.T_map_scan.apply(upright.scan.points)
         labels = np.where(upright.outliers, OUTLIER, TARGET).astype(np.uint8)
         if source.labels_sha256 is not None:

@@ -146,6 +146,7 @@ class Scan(Base):
     file_name: Mapped[str] = mapped_column(String(255))
     blob_sha256: Mapped[str] = mapped_column(ForeignKey("blobs.sha256"))
     rough_pose: Mapped[dict[str, Any] | None]
+    options: Mapped[dict[str, Any] | None]
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
     reading: Mapped[dict[str, Any] | None]
     points_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))

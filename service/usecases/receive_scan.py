@@ -10,7 +10,7 @@ from service.db.jobs import enqueue
 from service.db.models import Job, Scan
 from service.domain.access import Actor
 from service.domain.lifecycle import JobKind
-from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import SaidOfScan
 from service.usecases.kernel import Kernel
 from service.usecases.receive_file import ReceivedFile, record_file, require_receiver
 
@@ -30,7 +30,7 @@ def receive_scan(
     *,
     map_id: str,
     file: ReceivedFile,
-    rough_pose: RoughPose | None,
+    said: SaidOfScan,
 ) -> ReceivedScan:
     """Return the new scan of a map and its queued job.
 
@@ -38,8 +38,8 @@ def receive_scan(
     ----------
     file : ReceivedFile
         Its bytes are in the blob store already: bytes first, rows second.
-    rough_pose : RoughPose, optional
-        Where the sender thinks the scan was taken.
+    said : SaidOfScan
+        Where the sender thinks the scan was taken, and how its file is meant.
 
     Raises
     ------
@@ -65,7 +65,8 @@ def receive_scan(
         map_id=map_id,
         file_name=file.file_name,
         blob_sha256=file.sha256,
-        rough_pose=None if rough_pose is None else rough_pose.to_json(),
+        rough_pose=None if said.rough_pose is None else said.rough_pose.to_json(),
+        options=said.options.to_json(),
         job_id=job.id,
         created_at=now,
         created_by=actor.key_id,

@@ -15,11 +15,11 @@ from service.db.models import Upload
 from service.domain.access import Actor
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
-from service.domain.errors import FileEmpty, InvalidRequest, UploadExpired, UploadNotFound, UploadTooLarge
+from service.domain.errors import FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
 from service.domain.headers import check_header
 from service.domain.lifecycle import Role
 from service.domain.media import HEAD_BYTES, Purpose, accept
-from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import SaidOfScan
 from service.storage.pieces import Appender, PieceStore
 from service.usecases.kernel import Kernel
 from service.usecases.receive_drawing import receive_drawing
@@ -42,7 +42,7 @@ class Announced:
     file_name : str
         What the sender calls it.
     options : dict
-        Of a drawing: ``scale`` and ``page``; of a scan: ``rough_pose``.
+        Of a drawing: ``scale`` and ``page``; of a scan: ``rough_pose``, ``up``, ``unit``.
     """
 
     map_id: str
@@ -228,16 +228,11 @@ def _receive(
             kernel, session, sender, map_id=upload.map_id, file=file, options=options
         ).drawing
         return {"kind": "drawing", "id": drawing.id, "job_id": drawing.job_id}
-    scan = receive_scan(kernel, session, sender, map_id=upload.map_id, file=file, rough_pose=options).scan
+    scan = receive_scan(kernel, session, sender, map_id=upload.map_id, file=file, said=options).scan
     return {"kind": "scan", "id": scan.id, "job_id": scan.job_id}
 
 
-def _options(purpose: Purpose, options: Mapping[str, Any]) -> DrawingOptions | RoughPose | None:
+def _options(purpose: Purpose, options: Mapping[str, Any]) -> DrawingOptions | SaidOfScan:
     if purpose is Purpose.DRAWING:
         return DrawingOptions.from_json(options)
-    unknown = set(options) - {"rough_pose"}
-    if unknown:
-        detail = f"A scan has no option {min(unknown)!r}."
-        raise InvalidRequest(detail, errors=[{"pointer": f"#/{min(unknown)}", "detail": detail}])
-    pose = options.get("rough_pose")
-    return None if pose is None else RoughPose.from_json(pose)
+    return SaidOfScan.from_json(options)

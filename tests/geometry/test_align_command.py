@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 
 from service.domain.recipe import Recipe
+from service.domain.layer_part import TARGET
 from service.domain.transform import Transform
 from tests.geometry.rooms import HEIGHT, a_case, box, off, walls
 from worker.cli import main
@@ -101,7 +102,9 @@ def test_a_scan_is_placed_on_a_built_map_and_compounded(
     assert right(Transform(np.array(result["T_map_scan"])), case.truth, within=0.01, degrees=0.15)
 
     base = built / "point-cloud.pcd"
-    assert main(["merge", str(base), str(out / "aligned.pcd"), "--voxel-size", "0.1", "-o", str(merged)]) == 0
+    aligned, target = read_pcd(out / "aligned.pcd"), read_pcd(out / "target.pcd")
+    np.testing.assert_array_equal(target.points, aligned.points[np.load(out / "labels.npy") == TARGET])
+    assert main(["merge", str(base), str(out / "target.pcd"), "--voxel-size", "0.1", "-o", str(merged)]) == 0
     cloud, before = read_pcd(merged), read_pcd(base)
     layer = cloud.points[cloud.labels == Label.LAYER]
     voxels = np.floor(layer / 0.05).astype(np.int64)
@@ -120,7 +123,7 @@ def test_the_same_command_twice_gives_the_same_bytes(tmp_path: Path, built: Path
     for name in ("a", "b"):
         argv = ["align", str(tmp_path / "scan.pcd"), "--map", str(built), f"--guess={guess}"]
         assert main([*argv, "-o", str(tmp_path / name)]) == 0
-    for file in ("placement.json", "aligned.pcd", "labels.npy"):
+    for file in ("placement.json", "aligned.pcd", "target.pcd", "labels.npy"):
         assert (tmp_path / "a" / file).read_bytes() == (tmp_path / "b" / file).read_bytes()
 
 

@@ -14,6 +14,7 @@ from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.lifecycle import Role
 from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import SaidOfScan
 from service.storage.blobs import Stored
 from service.usecases.drawings import reread_drawing
 from service.usecases.kernel import Kernel
@@ -108,7 +109,7 @@ class ByHand:
         file = ReceivedFile(stored.sha256, stored.size_bytes, "scan.ply", "application/octet-stream")
         with self.kernel.db.writing("receive-scan") as session:
             received = receive_scan(
-                self.kernel, session, self.actor(), map_id=map_id, file=file, rough_pose=rough_pose
+                self.kernel, session, self.actor(), map_id=map_id, file=file, said=SaidOfScan(rough_pose)
             )
             scan_id, job_id = received.scan.id, received.job.id
         if read:

@@ -131,6 +131,14 @@ def test_a_scan_with_and_without_a_rough_pose(tablet: httpx.Client, map_id: str)
         problem(send_scan(tablet, map_id, data={"rough_pose": wrong}), 422, "invalid-request")
 
 
+def test_a_scans_up_axis_and_unit_may_be_said(tablet: httpx.Client, map_id: str) -> None:
+    sent = send_scan(tablet, map_id, data={"up": "-y", "unit": "mm"})
+    assert sent.json()["scan"]["options"] == {"up": "-y", "metres_per_unit": 0.001}
+    for wrong, pointer in (({"up": "w"}, "#/up"), ({"unit": "parsec"}, "#/unit"), ({"down": "z"}, "#/down")):
+        refused = problem(send_scan(tablet, map_id, data=wrong), 422, "invalid-request")
+        assert refused["errors"][0]["pointer"] == pointer
+
+
 def test_the_file_s_bytes_decide_and_the_advice_fits(
     server: Server, tablet: httpx.Client, map_id: str
 ) -> None:
@@ -310,7 +318,10 @@ def test_an_early_answer_reaches_a_client_that_is_sending(tablet: httpx.Client, 
 
 def test_the_form_is_documented(server: Server) -> None:
     document = httpx.get(f"{server.url}/openapi.json").json()
-    for kind, fields in (("drawings", {"file", "scale", "page"}), ("scans", {"file", "rough_pose"})):
+    for kind, fields in (
+        ("drawings", {"file", "scale", "page"}),
+        ("scans", {"file", "rough_pose", "up", "unit"}),
+    ):
         body = document["paths"][f"/v1/maps/{{map_id}}/{kind}"]["post"]["requestBody"]
         form = body["content"]["multipart/form-data"]["schema"]
         assert form["required"] == ["file"]

@@ -72,7 +72,7 @@ def run(name: str, args: argparse.Namespace) -> int:
 
 
 def _align(args: argparse.Namespace) -> dict[str, Any]:
-    """Place a scan and write placement.json, aligned.pcd and labels.npy together."""
+    """Place a scan and write placement.json, aligned.pcd, target.pcd and labels.npy together."""
     initial = _guess(args)
     if not (math.isfinite(args.ndt_resolution) and 0.05 <= args.ndt_resolution <= 20.0):
         raise InvalidRequest(
@@ -107,6 +107,7 @@ def _write(output: Path, result: dict[str, Any], scan: Any, placed: Any) -> None
     """Write the files of a placement beside the folder, and move them in when all are complete."""
     import numpy as np  # noqa: PLC0415 - heavy: --help answers at once
 
+    from service.domain.layer_part import TARGET  # noqa: PLC0415
     from worker.formats.pcd import write_pcd  # noqa: PLC0415
     from worker.geometry.cloud.point_cloud import Label, PointCloud  # noqa: PLC0415
 
@@ -117,11 +118,13 @@ def _write(output: Path, result: dict[str, Any], scan: Any, placed: Any) -> None
     try:
         aligned = PointCloud.of(placed.T_map_scan.apply(scan.points), Label.LAYER)
         write_pcd(work / "aligned.pcd", aligned)
+        target = placed.labels == TARGET
+        write_pcd(work / "target.pcd", PointCloud(aligned.points[target], aligned.labels[target]))
         np.save(work / "labels.npy", placed.labels)
         text = json.dumps(result, indent=2, allow_nan=False)
         (work / "placement.json").write_text(text + "\n", encoding="utf-8")
         output.mkdir(exist_ok=True)
-        for name in ("aligned.pcd", "labels.npy", "placement.json"):
+        for name in ("aligned.pcd", "target.pcd", "labels.npy", "placement.json"):
             (work / name).replace(output / name)
     finally:
         shutil.rmtree(work, ignore_errors=True)

@@ -13,6 +13,7 @@ from service.domain.acceptance import judge
 from service.domain.errors import RevisionNotReady
 from service.domain.recipe import Recipe
 from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
 from worker.context import JobContext
@@ -29,6 +30,7 @@ class _Asked:
 
     scan_id: str
     scan_sha256: str
+    options: ScanOptions
     initial: Transform | None
     ndt_resolution_m: float
     revision_id: str
@@ -48,7 +50,8 @@ def place_scan(context: JobContext) -> None:
     """
     asked = _asked(context)
     context.progress("load", 0.0)
-    scan = read_upright_scan(context.kernel.blobs.path(asked.scan_sha256), context.bounds)
+    path = context.kernel.blobs.path(asked.scan_sha256)
+    scan = read_upright_scan(path, context.bounds, options=asked.options)
     placed = place_upright_scan(
         scan,
         _target(context, asked),
@@ -75,6 +78,7 @@ def _asked(context: JobContext) -> _Asked:
         return _Asked(
             scan_id=scan.id,
             scan_sha256=scan.blob_sha256,
+            options=ScanOptions.from_json(scan.options),
             initial=_initial(placement.initial_pose),
             ndt_resolution_m=placement.ndt_resolution_m,
             revision_id=revision.id,

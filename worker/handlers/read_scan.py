@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 
 from service.db.models import Scan
+from service.domain.scan_options import ScanOptions
 from service.usecases.record_scan_reading import record_scan_reading
 from worker.context import JobContext
 from worker.formats.pcd import write_pcd
@@ -31,9 +32,10 @@ def read_scan(context: JobContext) -> None:
     5. record the reading with the end of the job
     """
     with context.kernel.db.reading() as session:
-        sha256 = session.get_one(Scan, context.attempt.subject_id).blob_sha256
+        scan = session.get_one(Scan, context.attempt.subject_id)
+        sha256, options = scan.blob_sha256, ScanOptions.from_json(scan.options)
     context.progress("load", 0.0)
-    upright = read_upright_scan(context.kernel.blobs.path(sha256), context.bounds)
+    upright = read_upright_scan(context.kernel.blobs.path(sha256), context.bounds, options=options)
     context.progress("thin", 0.5)
     thin, voxel_size = _thinned(upright)
     context.progress("write", 0.8)

@@ -14,7 +14,7 @@ from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapI
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
-from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, rough_pose_of
+from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
 from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once
@@ -50,12 +50,12 @@ async def upload_scan(
     """
 
     def receive(form: ReceivedForm) -> Answered:
-        rough_pose = rough_pose_of(form.fields)
+        said = said_of(form.fields)
         file = received_file(form, bounds=limits.bounds)
         once = form_identity(request, form, file.sha256, key=idempotency_key, limits=limits)
 
         def act(session: Session) -> Answered:
-            received = receive_scan(kernel, session, actor, map_id=map_id, file=file, rough_pose=rough_pose)
+            received = receive_scan(kernel, session, actor, map_id=map_id, file=file, said=said)
             row = covered_scan(session, actor, scan_id=received.scan.id)
             shown = ScanAccepted.of(row, base_url=base_url)
             return answered(shown, status=202, headers={"Location": f"/v1/scans/{shown.scan.id}"})

@@ -124,7 +124,8 @@ def _creation(
         str | None,
         Header(
             description="Keys with base64 values, by commas: `map_id`, `kind` (`drawing` or `scan`),"
-            " `filename`, `options` (JSON; of a drawing `scale` and `page`, of a scan `rough_pose`)."
+            " `filename`, `options` (JSON; of a drawing `scale` and `page`, of a scan `rough_pose`,"
+            " `up`, `unit`)."
         ),
     ] = None,
     idempotency_key: IdempotencyKey = None,

@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from datetime import datetime
-from typing import Self
+from typing import Any, Self
 
 from pydantic import Field
 
@@ -13,7 +13,7 @@ from service.api.schemas.base import JsonObject, Output
 from service.api.schemas.jobs import JobOut
 from service.db.uploads import ScanRow
 from service.domain.errors import InvalidRequest
-from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import UNITS, UP_AXES, SaidOfScan
 
 FORM: JsonObject = {
     "requestBody": {
@@ -29,6 +29,16 @@ FORM: JsonObject = {
                             "format": "binary",
                             "description": "PLY, PCD, LAS, LAZ, E57, XYZ, PTS, CSV, OBJ, GLB, STL or USDZ; "
                             "its own bytes decide, not its name. Unit and up axis are found.",
+                        },
+                        "up": {
+                            "type": "string",
+                            "enum": list(UP_AXES),
+                            "description": "Which of the file's axes is up, where that is known better.",
+                        },
+                        "unit": {
+                            "type": "string",
+                            "enum": list(UNITS),
+                            "description": "What the file's numbers count, where that is known better.",
                         },
                         "rough_pose": {
                             "type": "string",
@@ -46,25 +56,21 @@ FORM: JsonObject = {
 """The form of a scan's upload, for OpenAPI; `service.api.streams` reads it."""
 
 
-def rough_pose_of(fields: Mapping[str, str]) -> RoughPose | None:
-    """Return the rough pose that the fields of a form give, or None where there is none.
+def said_of(fields: Mapping[str, str]) -> SaidOfScan:
+    """Return what the fields of a form say of a scan.
 
     Raises
     ------
     InvalidRequest
-        If it is wrong, or there are other fields.
+        If one is wrong, or there are other fields.
     """
-    unknown = set(fields) - {"rough_pose"}
-    if unknown:
-        raise _invalid(f"#/{min(unknown)}", f"A scan has no field {min(unknown)!r}.")
-    text = fields.get("rough_pose", "").strip()
-    if not text:
-        return None
-    try:
-        value = json.loads(text)
-    except (ValueError, RecursionError) as error:
-        raise _invalid("#/rough_pose", f"The field is no JSON: {error}.") from None
-    return None if value is None else RoughPose.from_json(value)
+    said: dict[str, Any] = {name: text.strip() for name, text in fields.items()}
+    if pose := said.pop("rough_pose", ""):
+        try:
+            said["rough_pose"] = json.loads(pose)
+        except (ValueError, RecursionError) as error:
+            raise _invalid("#/rough_pose", f"The field is no JSON: {error}.") from None
+    return SaidOfScan.from_json(said)
 
 
 class ScanFiles(Output):
@@ -84,6 +90,9 @@ class ScanOut(Output):
     size_bytes: int
     media_type: str
     rough_pose: JsonObject | None = Field(description="Where its sender thinks it was taken: `T_map_scan`.")
+    options: JsonObject | None = Field(
+        description="What was said of the file: `up` and `metres_per_unit`, null where they are found."
+    )
     reading: JsonObject | None = Field(
         description="Counts, extent and findings; null until a job has read the scan."
     )
@@ -109,6 +118,7 @@ class ScanOut(Output):
             size_bytes=blob.size_bytes,
             media_type=blob.media_type,
             rough_pose=scan.rough_pose,
+            options=scan.options,
             reading=scan.reading,
             files=files,
             created_at=scan.created_at,
