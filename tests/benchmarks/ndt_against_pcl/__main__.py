@@ -9,6 +9,7 @@ differs.
 
 from __future__ import annotations
 
+import importlib
 import statistics
 import sys
 import tempfile
@@ -16,23 +17,26 @@ import time
 from collections.abc import Callable
 from pathlib import Path
 
+import numba
 import numpy as np
 from scipy.spatial import KDTree
 
 from service.domain.transform import Transform
-from tests.benchmarks.ndt_against_pcl.peer import ask, compile_peer
+from tests.benchmarks.ndt_against_pcl.peer import NoPcl, ask, compile_peer
 from tests.geometry.rooms import a_case, inside, off
 from worker.formats.pcd import read_pcd, write_pcd
 from worker.formats.scan import read_scan
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.cloud.voxel_grid import voxel_grid_filter
+from worker.geometry.cloud.voxel_grid import voxel_grid_filter, voxel_index
 from worker.geometry.registration.fitness import euclidean_fitness_score, transformation_probability
 from worker.geometry.registration.ndt import register_ndt
 from worker.geometry.registration.ndt_map import build_ndt_map
 
 SCANS = Path(__file__).resolve().parents[4] / "shared" / "data" / "scans"
 TUTORIAL = (SCANS / "room_scan2.pcd", SCANS / "room_scan1.pcd", "1.79387,0.720047,0,39.71")
-RESOLUTION, SOURCE_STEP, EPSILON, REPEATS = 1.0, 0.2, 1e-6, 7
+RESOLUTION, EPSILON, REPEATS = 1.0, 1e-6, 7
+SOURCE_STEPS = (0.2, 0.05)
+HALLS, HALL_POINTS = 25, 200_000
 
 
 def timed(work: Callable[[], object]) -> list[float]:
@@ -70,32 +74,94 @@ def inputs(words: list[str]) -> tuple[np.ndarray, np.ndarray, Transform]:
     return clouds[0], clouds[1], Transform.from_xyz_yaw(x, y, z, np.deg2rad(yaw_deg))
 
 
+def halls() -> np.ndarray:
+    """Return 5 million points on floors and walls of 25 halls, in the order of a map's voxels."""
+    rng = np.random.default_rng(5)
+    parts = []
+    for k in range(HALLS):
+        p = rng.uniform(0.0, 1.0, (HALL_POINTS, 3)) * (40.0, 30.0, 6.0)
+        side = rng.integers(0, 5, HALL_POINTS)
+        for axis, end in ((0, 0.0), (0, 40.0), (1, 0.0), (1, 30.0), (2, 0.0)):
+            p[side == 2 * axis + (end > 0.0), axis] = end
+        parts.append(p + rng.normal(0.0, 0.01, p.shape) + (k % 5 * 45.0, k // 5 * 35.0, 0.0))
+    points = np.vstack(parts)
+    return np.asarray(points[np.lexsort(voxel_index(points, 0.1).T)])
+
+
+def threads_and_gicp(thin: np.ndarray, full: np.ndarray, guess: Transform) -> None:
+    """Print what a second thread brings, and small_gicp's GICP beside us on one, where it is installed."""
+    ndt_map = build_ndt_map(full, RESOLUTION)
+
+    def align() -> object:
+        return register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100)
+
+    took = {}
+    for count in (1, min(2, numba.config.NUMBA_NUM_THREADS)):
+        numba.set_num_threads(count)
+        took[count] = statistics.median(timed(align))
+    numba.set_num_threads(1)
+    one, more = took[1] * 1e3, took[count] * 1e3
+    print(f"threads     1: {one:.1f} ms, {count}: {more:.1f} ms, {one / more:.2f} x")
+    try:
+        small_gicp = importlib.import_module("small_gicp")
+    except ModuleNotFoundError:
+        print("small_gicp  is not installed: uv sync --group peers")
+        return
+    target, tree = small_gicp.preprocess_points(full, 0.01, num_threads=1)
+    source, _ = small_gicp.preprocess_points(thin, 0.01, num_threads=1)
+    gicp = 1e3 * statistics.median(
+        timed(lambda: small_gicp.align(target, source, tree, guess.matrix, num_threads=1, max_iterations=100))
+    )
+    print(f"GICP        small_gicp {gicp:.1f} ms   Groundplan {one:.1f} ms   {gicp / one:.2f} x")
+
+
+def big_grid(program: Path, folder: Path) -> None:
+    """Print the seconds of building the grid of a map of 5 million points."""
+    write_pcd(folder / "halls.pcd", PointCloud.of(halls()))
+    few = folder / "few.pcd"
+    write_pcd(few, PointCloud.of(read_pcd(folder / "halls.pcd").points[:1000]))
+    peer = ask(program, "place", few, folder / "halls.pcd", RESOLUTION, EPSILON, 3, 0, 0, 0, 0)
+    points = read_pcd(folder / "halls.pcd").points
+    mine = statistics.median(timed(lambda: build_ndt_map(points, RESOLUTION)))
+    theirs = statistics.median(peer["grid_s"])
+    print(
+        f"grid of {len(points)} points: PCL {theirs * 1e3:.0f} ms   Groundplan {mine * 1e3:.0f} ms   "
+        f"{mine / theirs:.2f} of PCL's"
+    )
+
+
 def main() -> int:
-    """Run both and print the table."""
+    """Run all and print the table, on one thread unless it says otherwise."""
     source, target, guess = inputs(sys.argv[1:])
+    numba.set_num_threads(1)
+    failed = 0
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
-        program = compile_peer(folder)
+        try:
+            program = compile_peer(folder)
+        except NoPcl as missing:
+            sys.exit(str(missing))
         labels_agree = same_points_and_labels(program, folder)
-        write_pcd(folder / "source.pcd", PointCloud.of(voxel_grid_filter(source, SOURCE_STEP)))
         write_pcd(folder / "target.pcd", PointCloud.of(target))
-        thin, full = read_pcd(folder / "source.pcd").points, read_pcd(folder / "target.pcd").points
-        words = (*guess.translation, guess.rpy[2])
-        peer = ask(
-            program,
-            "place",
-            folder / "source.pcd",
-            folder / "target.pcd",
-            RESOLUTION,
-            EPSILON,
-            REPEATS,
-            *words,
-        )
-    grid_s = timed(lambda: build_ndt_map(full, RESOLUTION))
-    ndt_map = build_ndt_map(full, RESOLUTION)
-    ours = register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100)
-    align_s = timed(lambda: register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100))
-    return report(peer, ours.T_target_source, grid_s, align_s, thin, full, labels_agree=labels_agree)
+        full = read_pcd(folder / "target.pcd").points
+        grid_s = timed(lambda: build_ndt_map(full, RESOLUTION))
+        ndt_map = build_ndt_map(full, RESOLUTION)
+        for step in SOURCE_STEPS:
+            write_pcd(folder / "source.pcd", PointCloud.of(voxel_grid_filter(source, step)))
+            thin = read_pcd(folder / "source.pcd").points
+            files = (folder / "source.pcd", folder / "target.pcd")
+            words = (*guess.translation, guess.rpy[2])
+            peer = ask(program, "place", *files, RESOLUTION, EPSILON, REPEATS, *words)
+
+            def align(thin: np.ndarray = thin) -> Transform:
+                result = register_ndt(thin, ndt_map, initial=guess, tolerance=1e-4, max_iterations=100)
+                return result.T_target_source
+
+            failed |= report(peer, align(), grid_s, timed(align), thin, full, labels_agree=labels_agree)
+            threads_and_gicp(thin, full, guess)
+            print()
+        big_grid(program, folder)
+    return failed
 
 
 def report(
