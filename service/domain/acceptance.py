@@ -37,12 +37,6 @@ class AcceptancePolicy:
     largest_astray_share : float
         More structure than this on no wall and in no room of the map speaks against the pose: an object
         stands in a room, what a wrong pose leaves over often does not.
-    least_self_hidden_share : float
-        A scan with more points than this behind its own walls was taken walking: what it saw through the
-        map's walls, or in other rooms, is excused up to that share.
-    largest_unreachable_share : float
-        Of a tablet that walked, more points than this, hidden from wherever it could have been carried,
-        speak against the pose.
     largest_sensitivity_m : float
         Largest effect that walls drawn 3 cm and half a degree wrong may have on the position: more means
         that the drawing's own errors are magnified, unseen.
@@ -74,8 +68,6 @@ class AcceptancePolicy:
     least_upright_surfaces: int = 3
     largest_contradicted_share: float = 0.0005
     largest_astray_share: float = 0.04
-    least_self_hidden_share: float = 0.05
-    largest_unreachable_share: float = 0.01
     largest_sensitivity_m: float = 0.045
     closed_astray_share: float = 0.01
     closed_inlier_share: float = 0.15
@@ -190,15 +182,11 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
             f"The points lie {e.residual_median_m:.3f} m off the map in the median: the scan is bent, "
             "or the drawing differs from the building."
         )
-    walked = e.self_hidden_share >= policy.least_self_hidden_share
-    excused = (
-        e.self_hidden_share if walked and e.unreachable_share <= policy.largest_unreachable_share else 0.0
-    )
-    if e.contradicted_share > policy.largest_contradicted_share + excused:
+    if e.contradicted_share > policy.largest_contradicted_share:
         doubts.append(
             f"{e.contradicted_share:.1%} of the points would have been seen through the map's walls."
         )
-    if e.astray_share > policy.largest_astray_share + excused:
+    if e.astray_share > policy.largest_astray_share:
         doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")

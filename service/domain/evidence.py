@@ -59,12 +59,6 @@ class PlacementEvidence:
         Share of all points, floor and furniture too, that stand behind a wall of the map as seen from where
         the tablet was, and would if the wall stood 15 cm elsewhere. One carried through a door sees such
         things rightly; 0 on a cloud, which has no walls.
-    self_hidden_share : float
-        Share of all points that the scan's own walls hide from where the tablet was: next to none if it stood
-        still, and those of the other rooms if it walked.
-    unreachable_share : float
-        Share of all points that are hidden as well from every place on the scanned floor to which the tablet
-        can have been carried, out of one such place's sight into the next.
     astray_share : float
         Share of the upright structure that lies on no surface of the map and stands in no room of it either,
         as an object would: behind a wall, or where no wall follows. 0 on a cloud, which has no rooms.
@@ -109,8 +103,6 @@ class PlacementEvidence:
     position_std_m: float
     yaw_std_rad: float
     contradicted_share: float
-    self_hidden_share: float
-    unreachable_share: float
     astray_share: float
     upright_surfaces: int
     closed_directions: int

@@ -10,7 +10,6 @@ from scipy.spatial import KDTree
 
 from service.domain.evidence import PlacementEvidence
 from service.domain.transform import Transform
-from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.registration import measure
 from worker.geometry.registration.covariance import TILT, pose_covariance
 from worker.geometry.registration.fitness import (
@@ -24,8 +23,6 @@ from worker.geometry.registration.starts import End, apart_at
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
 _GLIMPSE = 0.02
-_SECTOR, _EYE_HEIGHT, _BEHIND = np.deg2rad(2.0), (1.2, 1.9), 0.4
-_FLOOR, _STRIDE, _MOST_PLACES = 0.15, 1.0, 60
 
 
 @dataclass(frozen=True, eq=False)
@@ -100,8 +97,6 @@ def gather_evidence(
         position_std_m=stated.position_std,
         yaw_std_rad=stated.yaw_std,
         contradicted_share=best.contradicted,
-        self_hidden_share=_self_hidden(problem, best.fit, pose),
-        unreachable_share=_unreachable(problem, best.fit, pose),
         astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=len(measure.upright_planes(best.fit, best.fit.structure, sided=faces)),
         closed_directions=_closed(best.fit) if faces else 0,
@@ -142,50 +137,6 @@ def _closed(fit: measure.Fit) -> int:
     """Return in how many directions the tablet stood between two walls of the map that it saw."""
     planes = measure.upright_planes(fit, fit.upright, sided=True, least_share=_GLIMPSE)
     return measure.closed_directions(planes)
-
-
-def _self_hidden(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
-    """Return the share of the points behind the scan's own walls, as seen from where the tablet was.
-
-    Walls are what is upright at eye height, the nearest of every two degrees: one sees under a lintel.
-    """
-    if problem.target.kind == "cloud":
-        return 0.0
-    eye = pose.apply(problem.scan.viewpoint[None])[0, :2]
-    away = fit.placed[:, :2] - eye
-    distance = np.hypot(away[:, 0], away[:, 1])
-    sector = np.floor(np.arctan2(away[:, 1], away[:, 0]) / _SECTOR).astype(np.int64) % round(
-        2 * np.pi / _SECTOR
-    )
-    low, high = _EYE_HEIGHT
-    wall = fit.upright & (fit.placed[:, 2] > low) & (fit.placed[:, 2] < high)
-    nearest = np.full(sector.max() + 1, np.inf)
-    np.minimum.at(nearest, sector[wall], distance[wall])
-    return float(np.mean(distance > nearest[sector] + _BEHIND))
-
-
-def _unreachable(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
-    """Return the share of the points that stay hidden while the tablet is carried over the scanned floor.
-
-    A tablet is carried from a place to another that it sees from there. Some 40 places on the floor, spread
-    evenly, are visited in this way, as far as they can be.
-    """
-    below = _below_the_walls_tops(problem, fit)
-    if not len(below):
-        return 0.0
-    floor = fit.placed[np.abs(fit.placed[:, 2]) < _FLOOR]
-    places = voxel_grid_filter(floor, _STRIDE)[:_MOST_PLACES] if len(floor) else floor
-    hidden, unseen = np.ones(len(below), dtype=bool), np.ones(len(places), dtype=bool)
-    eyes = [pose.apply(problem.scan.viewpoint[None])[0]]
-    while eyes and hidden.any():
-        eye = eyes.pop()
-        hidden[hidden] = problem.target.seen_through(below[hidden], viewpoint=eye, give=_GIVE)
-        visible = np.flatnonzero(unseen)[
-            ~problem.target.seen_through(places[unseen], viewpoint=eye, clearance=0.0)
-        ]
-        unseen[visible] = False
-        eyes += list(places[visible])
-    return float(np.mean(hidden))
 
 
 def _below_the_walls_tops(problem: Problem, fit: measure.Fit) -> NDArray[np.float64]:
