@@ -60,13 +60,13 @@ class AcceptancePolicy:
     """
 
     rejected_inlier_share: float = 0.35
-    accepted_inlier_share: float = 0.8
+    accepted_inlier_share: float = 0.9
     accepted_inlier_share_on_cloud: float = 0.6
     accepted_share_of_all: float = 0.4
     accepted_residual_m: float = 0.02
     accepted_residual_on_cloud_m: float = 0.03
     least_upright_surfaces: int = 3
-    largest_contradicted_share: float = 0.0005
+    largest_contradicted_share: float = 0.0015
     largest_astray_share: float = 0.04
     largest_sensitivity_m: float = 0.045
     closed_astray_share: float = 0.01

@@ -35,7 +35,7 @@ DOUBTS: list[tuple[dict[str, Any], str]] = [
     ({"residual_median_m": 0.05}, "0.050 m off"),
     ({"residual_median_m": math.nan}, "off the map"),
     ({"tilt_rad": 0.2}, "tilted"),
-    ({"contradicted_share": 0.2, "inlier_share_of_structure": 0.8}, "through"),
+    ({"contradicted_share": 0.2, "inlier_share_of_structure": 0.9}, "through"),
     ({"astray_share": 0.1, "upright_surfaces": 4}, "no room"),
     ({"weak_directions": ("along 30 deg",)}, "along 30 deg"),
     ({"upright_surfaces": 2}, "third wall"),
