@@ -55,7 +55,7 @@ def derivatives(
     with _threads_for(len(points)):
         sums = _accumulate(
         points, centre, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys,
-        ndt_map.table_rows, ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
+        ndt_map.table_bricks, ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
     )  # fmt: skip
     total = np.add.reduce(sums, axis=0)
     hessian = np.zeros((6, 6))
@@ -78,7 +78,7 @@ def score_points(
     d1, d2 = ndt_map.gauss
     with _threads_for(len(points)):
         both = _score_each(
-        points, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys, ndt_map.table_rows,
+        points, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys, ndt_map.table_bricks,
         ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
     )  # fmt: skip
     return both[:, 0], both[:, 1]
@@ -103,8 +103,8 @@ def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     means: NDArray[np.float64],
     inverses: NDArray[np.float64],
     table_keys: NDArray[np.int64],
-    table_rows: NDArray[np.int64],
-    row_starts: NDArray[np.int64],
+    table_bricks: NDArray[np.int32],
+    row_starts: NDArray[np.int32],
     row_cells: NDArray[np.int32],
     resolution: float,
     d1: float,
@@ -117,7 +117,7 @@ def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
         out = sums[chunk]
         for n in range(chunk * _CHUNK, min(len(points), (chunk + 1) * _CHUNK)):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]
-            row = find_row(x, y, z, resolution, table_keys, table_rows)
+            row = find_row(x, y, z, 1.0 / resolution, table_keys, table_bricks)
             if row < 0:
                 continue
             qx, qy, qz = x - centre[0], y - centre[1], z - centre[2]
@@ -196,8 +196,8 @@ def _score_each(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     means: NDArray[np.float64],
     inverses: NDArray[np.float64],
     table_keys: NDArray[np.int64],
-    table_rows: NDArray[np.int64],
-    row_starts: NDArray[np.int64],
+    table_bricks: NDArray[np.int32],
+    row_starts: NDArray[np.int32],
     row_cells: NDArray[np.int32],
     resolution: float,
     d1: float,
@@ -207,7 +207,7 @@ def _score_each(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     both = np.zeros((len(points), 2))
     for n in prange(len(points)):
         x, y, z = points[n, 0], points[n, 1], points[n, 2]
-        row = find_row(x, y, z, resolution, table_keys, table_rows)
+        row = find_row(x, y, z, 1.0 / resolution, table_keys, table_bricks)
         if row < 0:
             continue
         for at in range(row_starts[row], row_starts[row + 1]):

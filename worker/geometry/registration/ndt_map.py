@@ -7,10 +7,12 @@ from dataclasses import dataclass
 from typing import Literal
 
 import numpy as np
+from numba import njit, prange
 from numpy.typing import NDArray
 
 from worker.geometry.registration.cell_moments import cell_moments
-from worker.geometry.registration.cells import key_table, neighbour_rows
+from worker.geometry.registration.cells import empty_table, fill_table, neighbour_rows, touched_bricks
+from worker.geometry.registration.symmetric import eigen
 
 OUTLIER_RATIO = 0.55
 LEAST_POINTS = 6
@@ -32,11 +34,11 @@ class NdtMap:
         xx, xy, xz, yy, yz, zz of each inverse covariance [1/m^2].
     normals : ndarray of shape (C, 3), float64
         Direction in which each cell is thinnest.
-    table_keys, table_rows : ndarrays of shape (S,), int64
-        Open-addressed hash table from a cell's key to its row in `row_starts`; -1 where free.
-    row_starts : ndarray of shape (K + 1,), int64
+    table_keys, table_bricks : ndarrays of shape (S,), int64 and int32
+        Open-addressed hash table from a brick's key to its number among B bricks; -1 where free.
+    row_starts : ndarray of shape (64 B + 1,), int32
     row_cells : ndarray of shape (L,), int32
-        Row k lists ``row_cells[row_starts[k]:row_starts[k + 1]]``: Gaussians in the 27 cells around.
+        Slot k lists ``row_cells[row_starts[k]:row_starts[k + 1]]``: Gaussians in the 27 cells around.
     """
 
     resolution: float
@@ -44,8 +46,8 @@ class NdtMap:
     inverse_covariances: NDArray[np.float64]
     normals: NDArray[np.float64]
     table_keys: NDArray[np.int64]
-    table_rows: NDArray[np.int64]
-    row_starts: NDArray[np.int64]
+    table_bricks: NDArray[np.int32]
+    row_starts: NDArray[np.int32]
     row_cells: NDArray[np.int32]
 
     def __len__(self) -> int:
@@ -108,29 +110,52 @@ def build_ndt_map(
     if not (math.isfinite(resolution) and resolution > 0.0):
         msg = f"a cell's edge is positive, not {resolution}"
         raise ValueError(msg)
-    occupied, counts, means, covariances = cell_moments(points, resolution)
-    kept = counts >= LEAST_POINTS
-    values, vectors = np.linalg.eigh(_as_run(covariances[kept], counts[kept], covariance))
-    solid = values[:, 2] > _FLATTEST
-    values, vectors = values[solid], vectors[solid]
-    values = np.maximum(values, _LEAST_EIGENVALUE_SHARE * values[:, 2:])  # equation 6.11
-    inverse = np.einsum("nij,nj,nkj->nik", vectors, 1.0 / values, vectors)
-    packed = inverse[:, [0, 0, 0, 1, 1, 2], [0, 1, 2, 1, 2, 2]]
-    row_keys, row_starts, row_cells = neighbour_rows(occupied[kept][solid])
-    table_keys, table_rows = key_table(row_keys)
-    return NdtMap(
-        resolution, np.ascontiguousarray(means[kept][solid]), np.ascontiguousarray(packed),
-        np.ascontiguousarray(vectors[:, :, 0]), table_keys, table_rows, row_starts, row_cells,
-    )  # fmt: skip
+    moments = cell_moments(points, resolution, least=LEAST_POINTS)
+    robots = _as_run(moments.covariances, moments.counts, covariance)
+    inverses, normals, solid = _inverted(robots)
+    cells, means = moments.cells, moments.means
+    if not solid.all():
+        cells, means, inverses, normals = cells[solid], means[solid], inverses[solid], normals[solid]
+    bricks = touched_bricks(cells)
+    table_keys, table_bricks = empty_table(len(bricks))
+    fill_table(bricks, table_keys, table_bricks)
+    row_starts, row_cells = neighbour_rows(cells, bricks, table_keys, table_bricks)
+    return NdtMap(resolution, means, inverses, normals, table_keys, table_bricks, row_starts, row_cells)
 
 
 def _as_run(
     exact: NDArray[np.float64], counts: NDArray[np.int64], covariance: CellCovariance
 ) -> NDArray[np.float64]:
-    """Return exact covariances (C, 3, 3) of cells of so many points (C,) as a robot's NDT has them [m^2]."""
-    n = counts[:, None, None].astype(np.float64)
+    """Return exact covariances (C, 6) of cells of so many points (C,) as a robot's NDT has them [m^2]."""
+    n, identity = counts[:, None].astype(np.float64), np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
     if covariance == "pcl-1.11":
-        return ((n - 1.0) * exact + np.eye(3)) / n * (n - 1.0) / n
+        old: NDArray[np.float64] = ((n - 1.0) * exact + identity) / n * (n - 1.0) / n
+        return old
     if covariance == "autoware":
-        return exact + np.eye(3) / (n - 1.0)
+        return exact + identity / (n - 1.0)
     return exact
+
+
+@njit(cache=True, parallel=True)
+def _inverted(
+    covariances: NDArray[np.float64],
+) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
+    """Return the inverses (C, 6) of covariances made thick enough (equation 6.11), normals, and if solid."""
+    count = len(covariances)
+    inverses, normals = np.zeros((count, 6)), np.zeros((count, 3))
+    solid = np.zeros(count, dtype=np.bool_)
+    for c in prange(count):
+        w, v = np.zeros(3), np.zeros((3, 3))
+        eigen(covariances[c], w, v)
+        solid[c] = w[2] > _FLATTEST
+        least = max(_LEAST_EIGENVALUE_SHARE * w[2], 1e-300)
+        a, b, d = 1.0 / max(w[0], least), 1.0 / max(w[1], least), 1.0 / max(w[2], least)
+        out = inverses[c]
+        out[0] = a * v[0, 0] * v[0, 0] + b * v[0, 1] * v[0, 1] + d * v[0, 2] * v[0, 2]
+        out[1] = a * v[0, 0] * v[1, 0] + b * v[0, 1] * v[1, 1] + d * v[0, 2] * v[1, 2]
+        out[2] = a * v[0, 0] * v[2, 0] + b * v[0, 1] * v[2, 1] + d * v[0, 2] * v[2, 2]
+        out[3] = a * v[1, 0] * v[1, 0] + b * v[1, 1] * v[1, 1] + d * v[1, 2] * v[1, 2]
+        out[4] = a * v[1, 0] * v[2, 0] + b * v[1, 1] * v[2, 1] + d * v[1, 2] * v[2, 2]
+        out[5] = a * v[2, 0] * v[2, 0] + b * v[2, 1] * v[2, 1] + d * v[2, 2] * v[2, 2]
+        normals[c, 0], normals[c, 1], normals[c, 2] = v[0, 0], v[1, 0], v[2, 0]
+    return inverses, normals, solid
