@@ -21,7 +21,7 @@ from worker.geometry.registration.cells import find_row
 from worker.geometry.registration.ndt_map import NdtMap
 
 _CHUNK = 256
-_WORTH_THREADS = 20_000
+_WORTH_THREADS = 1_000
 
 
 def derivatives(
@@ -113,7 +113,9 @@ def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     """Return score, gradient and upper Hessian of each chunk of points, (chunks, 28)."""
     chunks = (len(points) + _CHUNK - 1) // _CHUNK
     sums = np.zeros((chunks, 28))
-    for chunk in prange(chunks):
+    half = (chunks + 1) // 2
+    for nth in prange(chunks):
+        chunk = 2 * nth if nth < half else 2 * (nth - half) + 1  # threads share dense and empty places alike
         out = sums[chunk]
         for n in range(chunk * _CHUNK, min(len(points), (chunk + 1) * _CHUNK)):
             x, y, z = points[n, 0], points[n, 1], points[n, 2]

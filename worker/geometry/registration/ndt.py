@@ -93,7 +93,7 @@ def register_ndt(
     if source.ndim != 2 or source.shape[1] != 3 or len(source) == 0:
         msg = f"source points are (N, 3) with N >= 1, not {source.shape}"
         raise ValueError(msg)
-    pose, radius = initial, _RADIUS_SHARE * target.resolution
+    pose, radius = initial.matrix, _RADIUS_SHARE * target.resolution
     lever = max(float(np.sqrt(np.mean(np.sum((source - source.mean(axis=0)) ** 2, axis=1)))), 1e-3)
     scale = np.array([1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever])
     keep = np.array(unknowns)
@@ -108,7 +108,7 @@ def register_ndt(
             break
         xi = np.zeros(6)
         xi[keep] = step
-        trial = moved(pose, xi * scale, centre)
+        trial = _motion(xi * scale, centre) @ pose
         trial_centre, (trial_score, trial_g, trial_H) = _evaluate(source, target, trial)
         iterations += 1
         if on_iteration is not None:
@@ -121,16 +121,21 @@ def register_ndt(
         if trial_score > score:
             pose, centre, score, g, H = trial, trial_centre, trial_score, trial_g, trial_H
         converged = radius < _LEAST_RADIUS or radius < 0.1 * tolerance
-    return NdtResult(pose, converged, iterations, score, H, centre)
+    return NdtResult(Transform(pose), converged, iterations, score, H, centre)
 
 
 def moved(pose: Transform, xi: NDArray[np.float64], centre: NDArray[np.float64]) -> Transform:
     """Return `pose` followed by the turn ``xi[3:]`` [rad] about `centre` and the shift ``xi[:3]`` [m]."""
+    return Transform(_motion(xi, centre)) @ pose
+
+
+def _motion(xi: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the (4, 4) motion of a turn about a centre and a shift."""
     turn = rotation_matrix(xi[3:])
     m = np.eye(4)
     m[:3, :3] = turn
     m[:3, 3] = centre + xi[:3] - turn @ centre
-    return Transform(m) @ pose
+    return m
 
 
 def rotation_matrix(w: NDArray[np.float64]) -> NDArray[np.float64]:
@@ -146,9 +151,9 @@ def rotation_matrix(w: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _evaluate(
-    source: NDArray[np.float64], target: NdtMap, pose: Transform
+    source: NDArray[np.float64], target: NdtMap, pose: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
     """Return the placed source's mean, and score, gradient and Hessian about it."""
-    placed = np.ascontiguousarray(pose.apply(source))
+    placed = source @ pose[:3, :3].T + pose[:3, 3]
     centre: NDArray[np.float64] = placed.mean(axis=0)
     return centre, derivatives(placed, target, centre=centre)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import NDArray
 
-_BISECTIONS = 60
+_NEWTON_STEPS, _LONGER = 50, 1e-9
 
 
 def trust_region_step(
@@ -35,17 +37,24 @@ def trust_region_step(
     values, vectors = np.linalg.eigh(-hessian)
     g = vectors.T @ gradient
     floor = max(1e-9 * float(np.abs(values).max()), 1e-12)
-    low = max(0.0, floor - float(values[0]))
-
-    def length(damping: float) -> float:
-        return float(np.linalg.norm(g / (values + damping)))
-
-    damping = low
-    if length(low) > radius:
-        high = low + float(np.linalg.norm(g)) / radius + floor
-        for _ in range(_BISECTIONS):
-            damping = 0.5 * (low + high)
-            low, high = (damping, high) if length(damping) > radius else (low, damping)
-        damping = high
+    damping = _damping(values.tolist(), (g**2).tolist(), radius, least=max(0.0, floor - float(values[0])))
     step = vectors @ (g / (values + damping))
+    step *= min(1.0, radius / max(float(np.sqrt(step @ step)), 1e-300))
     return step, max(float(gradient @ step + 0.5 * step @ hessian @ step), 0.0)
+
+
+def _damping(values: list[float], squares: list[float], radius: float, *, least: float) -> float:
+    """Return the damping at which the step is as long as the radius, or the least if it is shorter there.
+
+    Newton's method on 1 / length, which is nearly straight in the damping: from too long a step it never
+    goes past the root.
+    """
+    damping = least
+    for _ in range(_NEWTON_STEPS):
+        square = sum(g / (v + damping) ** 2 for v, g in zip(values, squares, strict=True))
+        length = math.sqrt(square)
+        if length <= radius * (1.0 + _LONGER):
+            break
+        slope = sum(g / (v + damping) ** 3 for v, g in zip(values, squares, strict=True))
+        damping += (length / radius - 1.0) * square / slope
+    return damping
