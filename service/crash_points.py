@@ -24,6 +24,9 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "accept-placement",
         "publish",
         "ask-delta",
+        "ask-comparison",
+        "rebuild-revision",
+        "decide-proposal",
         "enrol-robot",
         "change-robot",
         "take-report",
@@ -47,6 +50,8 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "record-placement",
         "record-revision",
         "record-delta",
+        "record-comparison",
+        "record-rebuild",
     }
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 import os
 import time
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -14,12 +15,14 @@ from sqlalchemy import select
 
 from service import crash_points
 from service.db.jobs import Attempt
-from service.db.models import Layer, Placement, Scan
+from service.db.models import Layer, Placement, Revision, Scan
 from service.domain.bounds import Bounds
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
+from service.domain.map_state import ErasedRegion
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
+from service.usecases.map_states import erased_of
 from worker.formats.scan import read_upright_scan
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.point_cloud import Label, PointCloud
@@ -49,25 +52,40 @@ class Messages:
         crash_points.reach(f"message-{kind}.after-send")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, eq=False)
 class LayerSource:
-    """Hold what a layer of a revision is made from: a scan's bytes and where they were placed."""
+    """Hold what a layer of a revision is made from: a scan's bytes, its poses, and what is erased from it.
 
+    Parameters
+    ----------
+    placed : Transform
+        `T_map_scan` as the placement found it: the layer's part is told in the map as it was seen then.
+    T_map_scan : Transform
+        Where the layer lies now.
+    erased : sequence of ErasedRegion
+        Regions that take points off this layer.
+    """
+
+    layer_id: str
     name: str
     scan_id: str
     scan_sha256: str
     options: ScanOptions
+    placed: Transform
     T_map_scan: Transform
     labels_sha256: str | None
     part: LayerPart
+    erased: Sequence[ErasedRegion] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the source as a JSON object, for a report."""
         return {
+            "layer_id": self.layer_id,
             "name": self.name,
             "scan_id": self.scan_id,
             "scan_sha256": self.scan_sha256,
             "scan_options": self.options.to_json(),
+            "placed": self.placed.tolist(),
             "T_map_scan": self.T_map_scan.tolist(),
             "labels_sha256": self.labels_sha256,
             "part": self.part.to_json(),
@@ -104,31 +122,37 @@ class JobContext:
         return path
 
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
-        """Return what a revision's layers are made from, in their order."""
+        """Return what a revision's visible layers are made from, in their order."""
         wanted = (
             select(Layer, Scan, Placement)
             .join(Scan, Scan.id == Layer.scan_id)
             .join(Placement, Placement.id == Layer.placement_id)
-            .where(Layer.revision_id == revision_id)
+            .where(Layer.revision_id == revision_id, Layer.visible)
             .order_by(Layer.position)
         )
         with self.kernel.db.reading() as session:
+            erased = erased_of(session.get_one(Revision, revision_id))
             rows = session.execute(wanted).all()
         return [
             LayerSource(
-                layer.name,
-                layer.scan_id,
-                scan.blob_sha256,
-                ScanOptions.from_json(scan.options),
-                Transform(np.array(placement.T_map_scan)),
-                placement.labels_sha256,
-                WHOLE if layer.part is None else LayerPart.from_json(layer.part),
+                layer_id=layer.layer_id,
+                name=layer.name,
+                scan_id=layer.scan_id,
+                scan_sha256=scan.blob_sha256,
+                options=ScanOptions.from_json(scan.options),
+                placed=Transform(np.array(placement.T_map_scan)),
+                T_map_scan=Transform(np.array(layer.T_map_scan or placement.T_map_scan)),
+                labels_sha256=placement.labels_sha256,
+                part=WHOLE if layer.part is None else LayerPart.from_json(layer.part),
+                erased=[one for one in erased if layer.layer_id in one.layers],
             )
             for layer, scan, placement in rows
         ]
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
         """Return the part of a scan that a layer holds, in frame `map`, without the points that stand alone.
+
+        Regions are erased where the layer lay when they were: a layer moved later takes its holes along.
 
         Raises
         ------
@@ -137,9 +161,13 @@ class JobContext:
         """
         path = self.kernel.blobs.path(source.scan_sha256)
         upright = read_upright_scan(path, self.bounds, options=source.options)
-        points = source.T_map_scan.apply(upright.scan.points)
+        scan = upright.scan.points
         labels = np.where(upright.outliers, OUTLIER, TARGET).astype(np.uint8)
         if source.labels_sha256 is not None:
             labels = np.load(self.kernel.blobs.path(source.labels_sha256), allow_pickle=False)
-        taken = source.part.of(points, labels)
-        return PlacedLayer(source.name, PointCloud.of(points[taken], Label.LAYER))
+        taken = source.part.of(source.placed.apply(scan), labels)
+        for one in source.erased:
+            then = Transform.of(one.layers[source.layer_id])
+            taken &= ~one.region.holds(then.apply(scan))
+        points = source.T_map_scan.apply(scan[taken])
+        return PlacedLayer(source.name, PointCloud.of(points, Label.LAYER))

@@ -11,7 +11,8 @@ from service.domain.lifecycle import JobKind
 from worker.context import JobContext
 from worker.geometry.drawing.raster.read import read_raster
 from worker.geometry.drawing.scale.decision import given
-from worker.handlers.build_revision import build_revision
+from worker.handlers.build_revision import build_revision, rebuild_revision
+from worker.handlers.compare_revisions import compare_revisions
 from worker.handlers.make_delta import make_delta
 from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing
@@ -23,6 +24,8 @@ HANDLERS: Mapping[JobKind, Callable[[JobContext], None]] = {
     JobKind.PLACE_SCAN: place_scan,
     JobKind.BUILD_REVISION: build_revision,
     JobKind.MAKE_DELTA: make_delta,
+    JobKind.COMPARE_REVISIONS: compare_revisions,
+    JobKind.REBUILD_REVISION: rebuild_revision,
 }
 
 

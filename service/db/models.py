@@ -17,6 +17,7 @@ from sqlalchemy import (
     String,
     Text,
     UniqueConstraint,
+    true,
 )
 from sqlalchemy.dialects.postgresql import JSONB
 from sqlalchemy.engine import Dialect
@@ -179,9 +180,11 @@ class Placement(Base):
 
 
 class Revision(Base):
-    """An immutable numbered state of a map: a recipe, a drawing's reading and ordered layers.
+    """An immutable numbered state of a map: a recipe, a drawing's reading, ordered layers, erased regions.
 
     The reading is held by its walls and its scale: a drawing that is read anew changes no revision.
+    `parent_n` is what the operations were applied to, `base_n` what the person who asked had before the
+    eyes. `artifacts_sha256` is the digest of all files together; `pruned_at` tells when they were let go.
     """
 
     __tablename__ = "revisions"
@@ -189,6 +192,7 @@ class Revision(Base):
         UniqueConstraint("map_id", "n"),
         UniqueConstraint("job_id"),
         CheckConstraint(_one_of("status", RevisionStatus), name="status"),
+        Index(None, "map_id", "status", "n"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -205,21 +209,37 @@ class Revision(Base):
     created_at: Mapped[datetime]
     created_by: Mapped[str] = mapped_column(ForeignKey("keys.id"))
     ended_at: Mapped[datetime | None]
+    base_n: Mapped[int | None]
+    operations: Mapped[list[Any] | None] = mapped_column(Json)
+    erased: Mapped[list[Any] | None] = mapped_column(Json)
+    reason: Mapped[str | None] = mapped_column(Text)
+    software_version: Mapped[str | None] = mapped_column(String(40))
+    artifacts_sha256: Mapped[str | None] = mapped_column(Sha256)
+    pruned_at: Mapped[datetime | None]
 
 
 class Layer(Base):
-    """A placed scan in a revision, in the order in which it is compounded; `part` null is all of it."""
+    """A placed scan in a revision, in the order in which it is compounded; `part` null is all of it.
+
+    `layer_id` stays the same from revision to revision; `T_map_scan` null is where the placement has it.
+    """
 
     __tablename__ = "layers"
-    __table_args__ = (UniqueConstraint("revision_id", "position"),)
+    __table_args__ = (
+        UniqueConstraint("revision_id", "position"),
+        UniqueConstraint("revision_id", "layer_id"),
+    )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
+    layer_id: Mapped[str] = mapped_column(Id)
     revision_id: Mapped[str] = mapped_column(ForeignKey("revisions.id"))
     position: Mapped[int]
     name: Mapped[str] = mapped_column(Name)
     scan_id: Mapped[str] = mapped_column(ForeignKey("scans.id"))
     placement_id: Mapped[str] = mapped_column(ForeignKey("placements.id"))
     part: Mapped[dict[str, Any] | None]
+    visible: Mapped[bool] = mapped_column(default=True, server_default=true())
+    T_map_scan: Mapped[list[Any] | None] = mapped_column("t_map_scan", Json)
 
 
 class Artifact(Base):
@@ -247,7 +267,7 @@ class Channel(Base):
 
 
 class Publication(Base):
-    """One move of a channel's pointer: who, when, from, to."""
+    """One move of a channel's pointer: who, when, from, to, why, and which gates an admin overrode."""
 
     __tablename__ = "publications"
     __table_args__ = (UniqueConstraint("map_id", "channel", "generation"),)
@@ -260,6 +280,8 @@ class Publication(Base):
     to_n: Mapped[int]
     published_at: Mapped[datetime]
     published_by: Mapped[str] = mapped_column(ForeignKey("keys.id"))
+    reason: Mapped[str | None] = mapped_column(Text)
+    overridden: Mapped[list[Any] | None] = mapped_column(Json)
 
 
 class Job(Base):
@@ -270,6 +292,8 @@ class Job(Base):
         CheckConstraint(_one_of("state", JobState), name="state"),
         Index(None, "state", "run_after", "id"),
         Index(None, "map_id", "id"),
+        Index(None, "state", "id"),
+        Index(None, "kind", "id"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)

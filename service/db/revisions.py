@@ -99,6 +99,31 @@ def find_channel(session: Session, map_id: str, *, channel: str) -> Channel | No
     return session.get(Channel, (map_id, channel))
 
 
+def list_channels(session: Session, map_id: str) -> Sequence[Channel]:
+    """Return where each channel of a map points, by name."""
+    return session.scalars(select(Channel).where(Channel.map_id == map_id).order_by(Channel.name)).all()
+
+
+def was_published(session: Session, map_id: str, *, channel: str, n: int) -> bool:
+    """Return whether a channel ever pointed to revision `n`."""
+    wanted = select(Publication.id).where(
+        Publication.map_id == map_id, Publication.channel == channel, Publication.to_n == n
+    )
+    return session.scalar(wanted.limit(1)) is not None
+
+
+def list_publications(
+    session: Session, map_id: str, *, channel: str | None, before: str | None, limit: int
+) -> Sequence[Publication]:
+    """Return up to `limit` moves of a map's pointers, newest first, with ids before `before`."""
+    query = select(Publication).where(Publication.map_id == map_id).order_by(Publication.id.desc())
+    if channel is not None:
+        query = query.where(Publication.channel == channel)
+    if before is not None:
+        query = query.where(Publication.id < before)
+    return session.scalars(query.limit(limit)).all()
+
+
 def add_revision(session: Session, revision: Revision, layers: Sequence[Layer]) -> None:
     """Add a revision, then its layers."""
     session.add(revision)

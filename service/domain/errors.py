@@ -125,6 +125,24 @@ class PlacementNotFound(NotFound):
     title = "No such placement"
 
 
+class LayerNotFound(NotFound):
+    """The revision that is changed has no layer of this id; `detail` lists those that it has."""
+
+    title = "No such layer"
+
+
+class RegionNotFound(NotFound):
+    """The revision that is changed has no erased region of this id; `detail` lists those that it has."""
+
+    title = "No such erased region"
+
+
+class ProposalNotFound(NotFound):
+    """No proposal with this id exists, or the key does not cover its map."""
+
+    title = "No such proposal"
+
+
 class RevisionNotFound(NotFound):
     """The map has no revision of this number."""
 
@@ -210,12 +228,49 @@ class MapNameTaken(Conflict):
 
 
 class StaleBase(Conflict):
-    """The map has a newer revision than the one that the request builds on.
+    """Somebody changed the same things since the base revision that the request builds on.
 
-    `latest` names it: look at what changed, then ask again with that base.
+    Changes of other things are put together without asking; these are not. `latest` names the newest
+    revision, `theirs` what changed up to it, `yours` what the request would change, `overlap` what both
+    are about: look at it, then ask again with the latest revision as the base.
     """
 
-    title = "The base revision is no longer the latest"
+    title = "The same things were changed by somebody else"
+
+
+class GatesClosed(Conflict):
+    """The revision may not be published yet; `gates` lists what stands against it.
+
+    Settle it (place the scan anew, correct the drawing), or publish with `override`, whose `reason` is kept
+    in the history under your key's name.
+    """
+
+    title = "The revision does not pass the gates"
+
+
+class ProposalDecided(Conflict):
+    """Somebody has accepted or dismissed the proposal already; `state` tells which."""
+
+    title = "The proposal is decided"
+
+
+class RebuiltDifferently(Unfulfilled):
+    """The revision was built again from its inputs, and some files have other bytes than they had.
+
+    `paths` names them. The recorded files stay as they are; `built_with` and `rebuilt_with` are the versions
+    of the software that made them.
+    """
+
+    title = "The revision was rebuilt differently"
+
+
+class RevisionPruned(Conflict):
+    """The revision's files were let go to make room; what it is made of is kept.
+
+    `POST /v1/maps/{map_id}/revisions/{n}/rebuild` makes the same files again.
+    """
+
+    title = "The revision's files were let go"
 
 
 class PlacementNotAcceptable(Conflict):

@@ -13,6 +13,8 @@ class JobKind(StrEnum):
     PLACE_SCAN = "place-scan"
     BUILD_REVISION = "build-revision"
     MAKE_DELTA = "make-delta"
+    COMPARE_REVISIONS = "compare-revisions"
+    REBUILD_REVISION = "rebuild-revision"
 
 
 class JobState(StrEnum):
@@ -36,6 +38,14 @@ class RevisionStatus(StrEnum):
     BUILDING = "building"
     READY = "ready"
     FAILED = "failed"
+
+
+class ProposalState(StrEnum):
+    """What a person decided on a proposal; ``accepted`` and ``dismissed`` are final."""
+
+    OPEN = "open"
+    ACCEPTED = "accepted"
+    DISMISSED = "dismissed"
 
 
 class RobotState(StrEnum):

@@ -55,6 +55,17 @@ class Transform:
         return cls(np.eye(4))
 
     @classmethod
+    def of(cls, rows: ArrayLike) -> Self:
+        """Return the transform of four rows of four numbers.
+
+        Raises
+        ------
+        ValueError
+            As the class: if they are no rigid motion.
+        """
+        return cls(np.asarray(rows, dtype=np.float64))
+
+    @classmethod
     def from_xyz_yaw(cls, x: float, y: float, z: float, yaw: float) -> Self:
         """Return a translation [m] and a turn about z [rad]."""
         return cls.from_xyz_rpy((x, y, z), (0.0, 0.0, yaw))

@@ -4,24 +4,29 @@ from __future__ import annotations
 
 from sqlalchemy.orm import Session
 
-from service.db.models import Placement
+from service.db import revisions as table
+from service.db.models import Placement, Revision
 from service.db.uploads import find_scan_row
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable
 from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import Role
-from service.domain.recipe import Recipe
+from service.domain.map_state import (
+    DRAWING,
+    MAP_FROM_DRAWING,
+    LayerState,
+    MapState,
+    differences,
+    pose_of,
+    subjects,
+)
+from service.domain.operations import AddLayer, ReplaceLayer
 from service.usecases.kernel import Kernel
+from service.usecases.map_states import state_of
 from service.usecases.maps import covered_map
 from service.usecases.placements import covered_placement, require_acceptable
-from service.usecases.revise import (
-    PlannedLayer,
-    Revised,
-    add_revision,
-    kept_layers,
-    kept_reading,
-    latest_base,
-)
+from service.usecases.proposals import propose
+from service.usecases.revise import Revised, change
 
 
 def accept_placement(
@@ -36,7 +41,8 @@ def accept_placement(
 ) -> Revised:
     """Return a new revision: the map's latest with the placed scan on top, and its job.
 
-    A layer of the same scan is replaced where it stands.
+    A layer of the same scan is replaced where it stands. What others did since the revision that the
+    scan was placed on stays, unless it was done to the same scan.
 
     Parameters
     ----------
@@ -54,38 +60,56 @@ def accept_placement(
     PlacementNotFound
         If there is no such placement for the key.
     PlacementNotAcceptable
-        If it is unfinished or rejected, needs a review that nobody did, or is in the map already.
-    RevisionNotReady
-        If the map's latest revision is still building.
+        If it is unfinished or rejected, needs a review that nobody did, is in the map already, or was
+        found on walls that are no longer the map's and nobody reviewed it since.
+    StaleBase
+        If somebody took in, replaced or removed a layer of the same scan since.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     row = covered_placement(session, actor, placement_id=placement_id)
     covered_map(session, actor, map_id=row.map_id, lock=True)
     require_acceptable(row, reviewed=reviewed)
-    base = latest_base(session, row.map_id, base=None)
-    layers = kept_layers(session, base)
-    if any(layer.placement_id == row.id for layer in layers):
+    base = table.find_revision(session, row.map_id, n=row.revision_n)
+    latest = table.latest_living_revision(session, row.map_id)
+    assert base is not None
+    assert latest is not None
+    held, present = state_of(session, base), state_of(session, latest)
+    if any(layer.placement_id == row.id for layer in present.layers):
         raise PlacementNotAcceptable(
-            f"The placement {row.id} is a layer of revision {base.n} already.", verdict=row.verdict, n=base.n
+            f"The placement {row.id} is a layer of revision {latest.n} already.",
+            verdict=row.verdict,
+            n=latest.n,
         )
-    taken = (part or LayerPart()).to_json()
-    new = PlannedLayer(name or _file_name(session, row), row.scan_id, row.id, taken)
-    return add_revision(
-        kernel,
-        session,
-        actor,
-        parent=base,
-        map_id=row.map_id,
-        reading=kept_reading(base),
-        recipe=Recipe.from_json(base.recipe),
-        layers=_with(layers, new),
-    )
+    if not reviewed:
+        _require_same_walls(row, latest, held, present)
+    propose(kernel, session, row, (row.evidence or {}).get("gone", ()))
+    step = _step(kernel, session, row, held, name=name, part=part or LayerPart())
+    return change(kernel, session, actor, base=base, operations=[step])
 
 
-def _with(layers: list[PlannedLayer], new: PlannedLayer) -> list[PlannedLayer]:
-    if any(layer.scan_id == new.scan_id for layer in layers):
-        return [new if layer.scan_id == new.scan_id else layer for layer in layers]
-    return [*layers, new]
+def _step(
+    kernel: Kernel, session: Session, row: Placement, held: MapState, *, name: str | None, part: LayerPart
+) -> AddLayer | ReplaceLayer:
+    """Return the operation: a layer of the same scan is replaced where it stands."""
+    pose, taken = pose_of(row.T_map_scan), part.to_json()
+    same = next((layer for layer in held.layers if layer.scan_id == row.scan_id), None)
+    if same is not None:
+        return ReplaceLayer(same.layer_id, row.scan_id, row.id, taken, pose, name)
+    shown = name or _file_name(session, row)
+    return AddLayer(LayerState(kernel.new_id("lyr"), shown, row.scan_id, row.id, taken, pose))
+
+
+def _require_same_walls(row: Placement, latest: Revision, held: MapState, present: MapState) -> None:
+    """Pass when the walls that the scan was placed on are still those of the map."""
+    changed = subjects(differences(held, present)) & {DRAWING, MAP_FROM_DRAWING}
+    if changed:
+        raise PlacementNotAcceptable(
+            f"The placement {row.id} was found on revision {row.revision_n}; since then the walls were "
+            f"changed ({', '.join(sorted(changed))}). Place the scan on revision {latest.n}, or look at it "
+            "and send reviewed = true.",
+            verdict=row.verdict,
+            n=latest.n,
+        )
 
 
 def _file_name(session: Session, row: Placement) -> str:

@@ -14,6 +14,7 @@ from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import ArtifactNotFound, DrawingNotFound, InvalidRequest
 from service.domain.lifecycle import JobKind, JobState, Role
+from service.usecases.audit import record
 from service.usecases.download import StoredFile, stored_file
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
@@ -126,6 +127,16 @@ def reread_drawing(
     )
     drawing.options, drawing.job_id = options.to_json(), job.id
     session.flush()
+    record(
+        kernel,
+        session,
+        actor,
+        action="reread-drawing",
+        subject_id=drawing.id,
+        map_id=drawing.map_id,
+        before={"options": before.to_json()},
+        after={"options": drawing.options},
+    )
     return drawing, blob, job
 
 

@@ -12,6 +12,7 @@ from service.db.models import Job
 from service.domain.access import Actor
 from service.domain.errors import JobNotFound
 from service.domain.lifecycle import JobKind, JobState, Role
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 
 
@@ -60,8 +61,11 @@ def cancel_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) -
         If the job has ended.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
-    covered_job(session, actor, job_id=job_id)
-    return request_cancel(session, job_id, now=kernel.now())
+    row = covered_job(session, actor, job_id=job_id)
+    before = row.state
+    job = request_cancel(session, job_id, now=kernel.now())
+    _record(kernel, session, actor, job, action="cancel-job", before=before)
+    return job
 
 
 def retry_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) -> Job:
@@ -77,5 +81,21 @@ def retry_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) ->
         If the job did not fail and was not cancelled, or it built a revision.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
-    covered_job(session, actor, job_id=job_id)
-    return retry(session, job_id, now=kernel.now())
+    row = covered_job(session, actor, job_id=job_id)
+    before = row.state
+    job = retry(session, job_id, now=kernel.now())
+    _record(kernel, session, actor, job, action="retry-job", before=before)
+    return job
+
+
+def _record(kernel: Kernel, session: Session, actor: Actor, job: Job, *, action: str, before: str) -> None:
+    record(
+        kernel,
+        session,
+        actor,
+        action=action,
+        subject_id=job.id,
+        map_id=job.map_id,
+        before={"state": before},
+        after={"state": job.state},
+    )

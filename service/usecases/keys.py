@@ -17,6 +17,7 @@ from service.db.models import Key
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, KeyNotFound, MapNotFound, Unauthenticated
 from service.domain.lifecycle import Role
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 
 _PREFIX = "gp_"
@@ -111,7 +112,10 @@ def create_first_key(kernel: Kernel) -> NewKey | None:
 def create_key_at_the_console(kernel: Kernel, *, name: str, role: Role, map_ids: list[str] | None) -> NewKey:
     """Return a new key, made in a transaction of its own, for an operator on the server itself."""
     with kernel.db.writing("create-key") as session:
-        return create_key(kernel, session, name=name, role=role, map_ids=map_ids)
+        made = create_key(kernel, session, name=name, role=role, map_ids=map_ids)
+        after = {"name": name, "role": role.value, "map_ids": map_ids, "at": "the console"}
+        record(kernel, session, None, action="create-key", subject_id=made.key.id, after=after)
+        return made
 
 
 def list_keys(session: Session, actor: Actor, *, after: str | None, limit: int) -> Sequence[Key]:
@@ -147,9 +151,12 @@ def make_key(
         As `create_key`.
     """
     _require_key_admin(actor)
-    return create_key(
+    made = create_key(
         kernel, session, name=name, role=role, map_ids=map_ids, expires_at=expires_at, root=root
     )
+    after = {"name": name, "role": role.value, "map_ids": made.key.map_ids}
+    record(kernel, session, actor, action="create-key", subject_id=made.key.id, after=after)
+    return made
 
 
 def derived_secret(root: str, *, key_id: str) -> str:
@@ -172,9 +179,12 @@ def revoke_key(kernel: Kernel, session: Session, actor: Actor, *, key_id: str) -
         If there is no such key.
     """
     _require_key_admin(actor)
-    if table.find_key(session, key_id) is None:
+    found = table.find_key(session, key_id)
+    if found is None:
         raise KeyNotFound(f"There is no key {key_id}.")
-    table.revoke_key(session, key_id, now=kernel.now())
+    if found.revoked_at is None:
+        table.revoke_key(session, key_id, now=kernel.now())
+        record(kernel, session, actor, action="revoke-key", subject_id=key_id, before={"name": found.name})
 
 
 def _require_key_admin(actor: Actor) -> None:

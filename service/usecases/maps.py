@@ -11,6 +11,7 @@ from service.db.models import Map
 from service.domain.access import Actor
 from service.domain.errors import MapNameTaken, MapNotFound
 from service.domain.lifecycle import Role
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 
 
@@ -30,6 +31,8 @@ def create_map(kernel: Kernel, session: Session, actor: Actor, *, site: str, nam
     row = Map(id=kernel.new_id("map"), site=site, name=name, created_at=now, updated_at=now, next_revision=1)
     if not table.add_map(session, row):
         raise _taken(site, name)
+    named = {"site": site, "name": name}
+    record(kernel, session, actor, action="create-map", subject_id=row.id, map_id=row.id, after=named)
     return row
 
 
@@ -79,8 +82,19 @@ def change_map(
     actor.require_role(Role.ADMIN)
     row = covered_map(session, actor, map_id=map_id, lock=True)
     site, name = site or row.site, name or row.name
+    before, after = {"site": row.site, "name": row.name}, {"site": site, "name": name}
     if not table.rename_map(session, row, site=site, name=name, now=kernel.now()):
         raise _taken(site, name)
+    record(
+        kernel,
+        session,
+        actor,
+        action="change-map",
+        subject_id=map_id,
+        map_id=map_id,
+        before=before,
+        after=after,
+    )
     return row
 
 

@@ -13,6 +13,7 @@ from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotReady, ScanNotRead
 from service.domain.lifecycle import JobKind, RevisionStatus, Role
 from service.domain.rough_pose import RoughPose
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.revisions import ready_revision
 from service.usecases.scans import covered_scan
@@ -97,6 +98,8 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
     )
     session.add(row)
     session.flush()
+    after = {"scan_id": scan_id, "revision": n, "initial_pose": row.initial_pose}
+    record(kernel, session, actor, action="place-scan", subject_id=row.id, map_id=scan.map_id, after=after)
     return Asked(row, job)
 
 

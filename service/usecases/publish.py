@@ -8,10 +8,14 @@ from dataclasses import dataclass
 from sqlalchemy.orm import Session
 
 from service.db import revisions as table
-from service.db.models import Artifact, Channel, Publication
+from service.db.models import Artifact, Channel, Drawing, Publication, Revision
+from service.db.placements import find_placements
+from service.db.proposals import open_proposals
 from service.domain.access import Actor
-from service.domain.errors import NothingPublished, PointerMoved
+from service.domain.errors import GatesClosed, NothingPublished, PointerMoved
+from service.domain.gates import Gate, JudgedLayer, closed_gates
 from service.domain.lifecycle import Role
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
 from service.usecases.revisions import ready_revision
@@ -23,6 +27,22 @@ class Published:
 
     pointer: Channel
     artifacts: Sequence[Artifact]
+
+
+@dataclass(frozen=True)
+class Said:
+    """Hold what an admin says of a publication.
+
+    Parameters
+    ----------
+    reason : str, optional
+        Why, for the history.
+    override : str, optional
+        Why it is published although gates are closed; kept with the gates and the admin's key.
+    """
+
+    reason: str | None = None
+    override: str | None = None
 
 
 def pointer_tag(pointer: Channel) -> str:
@@ -39,15 +59,19 @@ def publish(
     n: int,
     channel: str,
     holds: Callable[[str | None], bool] | None = None,
+    said: Said | None = None,
 ) -> Published:
     """Return the channel, now pointing to revision `n`; pointing to an earlier one rolls back.
 
-    A channel that points there already stays as it is.
+    A channel that points there already stays as it is. A revision that was on the channel before passes
+    its gates: rolling back is never held up.
 
     Parameters
     ----------
     holds : callable, optional
         The caller's condition on the present `pointer_tag` (None: nothing is published yet).
+    said : Said, optional
+        Why it is done, and whether closed gates are overridden.
 
     Raises
     ------
@@ -57,6 +81,10 @@ def publish(
         If there is no such map or revision for the key.
     RevisionNotReady
         If the revision is building, or failed.
+    GatesClosed
+        If something stands against it, and nobody overrides that.
+    RevisionPruned
+        If its files were let go.
     PointerMoved
         If `holds` says that the pointer is not where the caller saw it.
     """
@@ -70,7 +98,18 @@ def publish(
             revision=None if pointer is None else pointer.revision_n,
         )
     if pointer is None or pointer.revision_n != n:
-        pointer = table.move_pointer(session, pointer, _move(kernel, actor, pointer, map_id, channel, n))
+        gates = _gates(session, revision, channel=channel)
+        if gates and (said is None or said.override is None):
+            told = " ".join(gate.message for gate in gates)
+            raise GatesClosed(
+                f"Revision {n} is not published: {told} Settle it, or publish with an override.",
+                gates=[gate.to_json() for gate in gates],
+            )
+        move = _move(kernel, actor, pointer, map_id, channel, n)
+        move.reason = None if said is None else said.override or said.reason
+        move.overridden = [gate.to_json() for gate in gates] or None
+        pointer = table.move_pointer(session, pointer, move)
+        _record(kernel, session, actor, move)
     return Published(pointer, table.list_artifacts(session, revision.id))
 
 
@@ -96,6 +135,78 @@ def published(session: Session, pointer: Channel) -> Published:
     revision = table.find_revision(session, pointer.map_id, n=pointer.revision_n)
     assert revision is not None
     return Published(pointer, table.list_artifacts(session, revision.id))
+
+
+def list_publications(
+    session: Session, actor: Actor, *, map_id: str, channel: str | None, before: str | None, limit: int
+) -> Sequence[Publication]:
+    """Return up to `limit` moves of a map's pointers, newest first, with ids before `before`.
+
+    Raises
+    ------
+    MapNotFound
+        If there is no such map for the key.
+    """
+    covered_map(session, actor, map_id=map_id)
+    return table.list_publications(session, map_id, channel=channel, before=before, limit=limit)
+
+
+def list_channels(session: Session, actor: Actor, *, map_id: str) -> Sequence[Channel]:
+    """Return where each channel of a map points, by name.
+
+    Raises
+    ------
+    MapNotFound
+        If there is no such map for the key.
+    """
+    covered_map(session, actor, map_id=map_id)
+    return table.list_channels(session, map_id)
+
+
+def show_gates(session: Session, actor: Actor, *, map_id: str, n: int, channel: str) -> Sequence[Gate]:
+    """Return what stands against publishing revision `n` on a channel.
+
+    Raises
+    ------
+    MapNotFound, RevisionNotFound, RevisionNotReady
+        As `ready_revision`.
+    """
+    return _gates(session, ready_revision(session, actor, map_id=map_id, n=n), channel=channel)
+
+
+def _gates(session: Session, revision: Revision, *, channel: str) -> list[Gate]:
+    if table.was_published(session, revision.map_id, channel=channel, n=revision.n):
+        return []
+    rows = [row for row in table.layers_of(session, [revision.id])[revision.id] if row.visible]
+    placements = find_placements(session, [row.placement_id for row in rows])
+    layers = [
+        JudgedLayer(row.layer_id, row.name, str(found.verdict), found.reasons or [])
+        for row in rows
+        if (found := placements.get(row.placement_id)) is not None
+    ]
+    drawing = session.get_one(Drawing, revision.drawing_id)
+    names = {layer.layer_id: layer.name for layer in layers}
+    about = open_proposals(session, revision.map_id, layer_ids=list(names))
+    return closed_gates(
+        layers,
+        drawing_id=drawing.id,
+        findings=(drawing.reading or {}).get("findings", ()),
+        proposals={one.id: names[one.layer_id] for one in about},
+    )
+
+
+def _record(kernel: Kernel, session: Session, actor: Actor, move: Publication) -> None:
+    after = {"channel": move.channel, "n": move.to_n, "reason": move.reason, "overridden": move.overridden}
+    record(
+        kernel,
+        session,
+        actor,
+        action="publish",
+        subject_id=move.id,
+        map_id=move.map_id,
+        before={"channel": move.channel, "n": move.from_n},
+        after=after,
+    )
 
 
 def _move(

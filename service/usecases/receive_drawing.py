@@ -13,6 +13,7 @@ from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import InvalidRequest
 from service.domain.lifecycle import JobKind
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.receive_file import ReceivedFile, record_file, require_receiver
 
@@ -78,6 +79,10 @@ def receive_drawing(
     )
     session.add(drawing)
     session.flush()
+    after = {"file_name": file.file_name, "sha256": file.sha256, "options": drawing.options}
+    record(
+        kernel, session, actor, action="receive-drawing", subject_id=drawing_id, map_id=map_id, after=after
+    )
     return ReceivedDrawing(drawing, job)
 
 

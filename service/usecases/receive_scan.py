@@ -11,6 +11,7 @@ from service.db.models import Job, Scan
 from service.domain.access import Actor
 from service.domain.lifecycle import JobKind
 from service.domain.scan_options import SaidOfScan
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.receive_file import ReceivedFile, record_file, require_receiver
 
@@ -73,4 +74,6 @@ def receive_scan(
     )
     session.add(scan)
     session.flush()
+    after = {"file_name": file.file_name, "sha256": file.sha256, "rough_pose": scan.rough_pose}
+    record(kernel, session, actor, action="receive-scan", subject_id=scan_id, map_id=map_id, after=after)
     return ReceivedScan(scan, job)

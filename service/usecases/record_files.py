@@ -8,6 +8,7 @@ from pathlib import PurePosixPath
 from sqlalchemy.orm import Session
 
 from service.db.blobs import record_blob
+from service.db.models import Artifact
 from service.storage.blobs import Stored
 from service.usecases.kernel import Kernel
 
@@ -33,6 +34,20 @@ def media_type(name: str) -> str:
         If the product writes no such file.
     """
     return _MEDIA_TYPES[PurePosixPath(name).suffix]
+
+
+def artifact_rows(revision_id: str, files: Mapping[str, Stored]) -> list[Artifact]:
+    """Return the rows that name blobs as the files of a revision, by their path."""
+    return [
+        Artifact(
+            revision_id=revision_id,
+            path=path,
+            sha256=stored.sha256,
+            size_bytes=stored.size_bytes,
+            media_type=media_type(path),
+        )
+        for path, stored in sorted(files.items())
+    ]
 
 
 def record_files(kernel: Kernel, session: Session, files: Mapping[str, Stored]) -> None:

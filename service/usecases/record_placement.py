@@ -12,6 +12,7 @@ from service.db.jobs import Attempt, finish_succeeded
 from service.db.models import Placement
 from service.storage.blobs import Stored
 from service.usecases.kernel import Kernel
+from service.usecases.proposals import propose
 from service.usecases.record_files import record_files
 
 
@@ -36,7 +37,7 @@ def record_placement(
 ) -> Placement:
     """Return the placement, now with its verdict; one transaction with the end of the job.
 
-    A rejected placement is a job that succeeded.
+    A rejected placement is a job that succeeded. An accepted one proposes to take off what it looked through.
 
     Parameters
     ----------
@@ -59,4 +60,6 @@ def record_placement(
     placement.evidence = result.evidence
     placement.candidates = result.candidates
     placement.labels_sha256 = files["labels.npy"].sha256
+    if result.verdict == "accepted":
+        propose(kernel, session, placement, result.evidence.get("gone", ()))
     return placement

@@ -9,11 +9,12 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.db.jobs import Attempt, LeaseLost, finish_succeeded
-from service.db.models import Artifact, Revision
+from service.db.models import Revision
 from service.domain.lifecycle import RevisionStatus
 from service.storage.blobs import Stored
 from service.usecases.kernel import Kernel
-from service.usecases.record_files import media_type, record_files
+from service.usecases.rebuild import files_digest
+from service.usecases.record_files import artifact_rows, record_files
 
 
 def record_revision(
@@ -22,6 +23,7 @@ def record_revision(
     attempt: Attempt,
     *,
     report: dict[str, Any],
+    version: str,
     files: Mapping[str, Stored],
 ) -> Revision:
     """Return the revision, now ready; one transaction with the end of the job.
@@ -32,6 +34,8 @@ def record_revision(
         The attempt that built it; its subject is the revision.
     report : dict
         What ``report.json`` says.
+    version : str
+        Of the software that built it.
     files : mapping of str to Stored
         The artifacts by their path, in the blob store already.
 
@@ -48,14 +52,7 @@ def record_revision(
     if revision.job_id != attempt.job_id or revision.status != RevisionStatus.BUILDING:
         raise LeaseLost(attempt.job_id)
     revision.status, revision.report, revision.ended_at = RevisionStatus.READY.value, report, now
-    for path, stored in sorted(files.items()):
-        session.add(
-            Artifact(
-                revision_id=revision.id,
-                path=path,
-                sha256=stored.sha256,
-                size_bytes=stored.size_bytes,
-                media_type=media_type(path),
-            )
-        )
+    revision.software_version = version
+    revision.artifacts_sha256 = files_digest({path: stored.sha256 for path, stored in files.items()})
+    session.add_all(artifact_rows(revision.id, files))
     return revision

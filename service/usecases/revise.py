@@ -1,4 +1,4 @@
-"""Make a new revision of a map: its row, its layers and the job that builds it."""
+"""Make a new revision of a map: operations on a base, put together with what others did meanwhile."""
 
 from __future__ import annotations
 
@@ -10,48 +10,26 @@ from sqlalchemy.orm import Session
 
 from service.db import revisions as table
 from service.db.jobs import enqueue
-from service.db.models import Job, Layer, Placement, Revision
-from service.db.placements import find_placements
-from service.db.uploads import find_drawing
+from service.db.models import Job, Revision
 from service.domain.access import Actor
-from service.domain.errors import (
-    DrawingNotFound,
-    DrawingNotRead,
-    InvalidRequest,
-    PlacementNotFound,
-    RevisionNotFound,
-    ScaleUnknown,
-    StaleBase,
-)
-from service.domain.layer_part import LayerPart
+from service.domain.errors import InvalidRequest, RevisionNotFound, StaleBase
 from service.domain.lifecycle import JobKind, RevisionStatus, Role
+from service.domain.map_state import Difference, MapState, differences, overlap
+from service.domain.operations import Operation, SetRecipe, apply_all
 from service.domain.recipe import Recipe
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
+from service.usecases.map_states import layer_rows, state_of
 from service.usecases.maps import covered_map
-from service.usecases.placements import require_acceptable
+from service.usecases.plan_operations import (
+    WantedDrawing,
+    WantedLayer,
+    WantedLayers,
+    WantedOperation,
+    history,
+    plan,
+)
 from service.usecases.revisions import Shown, require_ready
-
-
-@dataclass(frozen=True)
-class WantedLayer:
-    """Hold a layer that a request asks for.
-
-    Parameters
-    ----------
-    placement_id : str
-        A finished placement of a scan of the same map.
-    name : str
-        What people call the layer.
-    reviewed : bool
-        Whether a person has looked at a placement that needs a review.
-    part : LayerPart
-        Which of the scan's points it holds.
-    """
-
-    placement_id: str
-    name: str
-    reviewed: bool = False
-    part: LayerPart = field(default_factory=LayerPart)
 
 
 @dataclass(frozen=True)
@@ -68,54 +46,65 @@ class Wanted:
         Fields that differ from the base's recipe, or from the defaults.
     layers : sequence of WantedLayer, optional
         All layers, in their order.
+    operations : sequence of WantedOperation
+        What is done to the base, after what the other fields ask for.
+    reason : str, optional
+        Why, in the words of the person who asks.
     """
 
     base: int | None = None
     drawing_id: str | None = None
     recipe: Mapping[str, Any] = field(default_factory=dict)
     layers: Sequence[WantedLayer] | None = None
+    operations: Sequence[WantedOperation] = ()
+    reason: str | None = None
+
+    def steps(self) -> list[WantedOperation]:
+        """Return everything that is asked for as operations, in their order."""
+        steps: list[WantedOperation] = []
+        if self.drawing_id is not None:
+            steps.append(WantedDrawing(self.drawing_id))
+        if self.recipe:
+            steps.append(SetRecipe(self.recipe))
+        if self.layers is not None:
+            steps.append(WantedLayers(self.layers))
+        return [*steps, *self.operations]
+
+
+@dataclass(frozen=True)
+class Rebased:
+    """Hold that a change was put onto a later revision than the one it was made for, and what was between."""
+
+    base: int
+    onto: int
+    changes: Sequence[Difference]
 
 
 @dataclass(frozen=True)
 class Revised:
-    """Hold a new revision, building, and the job that builds it."""
+    """Hold a new revision, building, the job that builds it, and whether it was rebased."""
 
     shown: Shown
     job: Job
-
-
-@dataclass(frozen=True)
-class PlannedLayer:
-    """Hold a layer as it will stand in the new revision."""
-
-    name: str
-    scan_id: str
-    placement_id: str
-    part: dict[str, Any] | None
-
-
-@dataclass(frozen=True)
-class BaseReading:
-    """Hold what a revision keeps of a drawing's reading, whatever is read of the drawing later."""
-
-    drawing_id: str
-    walls_sha256: str
-    scale: dict[str, Any]
+    rebased: Rebased | None = None
 
 
 def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wanted: Wanted) -> Revised:
     """Return a new revision of the map, building, and its job.
 
+    A base that is no longer the latest revision is no obstacle where others changed other things: the
+    operations are applied to the latest.
+
     Raises
     ------
     Forbidden
         If the key is a robot's.
-    MapNotFound, DrawingNotFound, PlacementNotFound, RevisionNotFound
+    MapNotFound, DrawingNotFound, PlacementNotFound, RevisionNotFound, LayerNotFound, RegionNotFound
         If something named does not exist on this map for the key.
     StaleBase
-        If the base is not the map's latest revision.
+        If the base is not the map's latest revision, and somebody changed the same things since.
     RevisionNotReady
-        If the base is still building.
+        If the base has failed.
     DrawingNotRead
         If the drawing's reading has not finished.
     ScaleUnknown
@@ -127,152 +116,133 @@ def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wante
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     covered_map(session, actor, map_id=map_id, lock=True)
-    base = None if wanted.base is None else latest_base(session, map_id, base=wanted.base)
-    if wanted.drawing_id is not None:
-        reading = _reading_of(session, map_id, wanted.drawing_id)
-    elif base is not None:
-        reading = kept_reading(base)
-    else:
+    if wanted.base is not None:
+        base = _living(session, map_id, wanted.base)
+        operations = plan(kernel, session, map_id, wanted.steps(), state_of(session, base))
+        return change(kernel, session, actor, base=base, operations=operations, reason=wanted.reason)
+    empty = MapState(None, Recipe())
+    state = apply_all(empty, plan(kernel, session, map_id, wanted.steps(), empty))
+    if state.reading is None:
         detail = "Name a drawing, or a base revision whose drawing is kept."
         raise InvalidRequest(detail, errors=[{"pointer": "#/drawing_id", "detail": detail}])
-    recipe = Recipe.from_json({**(base.recipe if base else {}), **wanted.recipe})
-    if wanted.layers is not None:
-        layers = _plan(session, map_id, wanted.layers)
-    else:
-        layers = kept_layers(session, base) if base else []
-    parent = base or table.latest_revision(session, map_id, status=RevisionStatus.READY)
-    return add_revision(
-        kernel,
-        session,
-        actor,
-        parent=parent,
-        map_id=map_id,
-        reading=reading,
-        recipe=recipe,
-        layers=layers,
-    )
+    parent = table.latest_revision(session, map_id, status=RevisionStatus.READY)
+    number = None if parent is None else parent.n
+    made = _Made(map_id, state, parent_n=number, base_n=None, operations=(), reason=wanted.reason)
+    return _add(kernel, session, actor, made, rebased=None)
 
 
-def latest_base(session: Session, map_id: str, *, base: int | None) -> Revision:
-    """Return the map's latest revision that did not fail, which has to be `base` if that is given.
-
-    Raises
-    ------
-    RevisionNotFound
-        If the map has no such revision, or none at all.
-    StaleBase
-        If a later one exists.
-    RevisionNotReady
-        If it is still building, or the base named has failed.
-    """
-    if base is not None:
-        named = table.find_revision(session, map_id, n=base)
-        if named is None:
-            raise RevisionNotFound(f"The map {map_id} has no revision {base}.")
-        if named.status == RevisionStatus.FAILED:
-            require_ready(named)
-    latest = table.latest_living_revision(session, map_id)
-    if latest is None:
-        raise RevisionNotFound(f"The map {map_id} has no revision yet.")
-    if base is not None and base != latest.n:
-        raise StaleBase(
-            f"Revision {base} is no longer the latest: that is {latest.n}, {latest.status}.", latest=latest.n
-        )
-    require_ready(latest)
-    return latest
-
-
-def kept_layers(session: Session, base: Revision) -> list[PlannedLayer]:
-    """Return the layers of a revision, to be taken over by another."""
-    rows = table.layers_of(session, [base.id])[base.id]
-    return [PlannedLayer(row.name, row.scan_id, row.placement_id, row.part) for row in rows]
-
-
-def kept_reading(base: Revision) -> BaseReading:
-    """Return the reading that a revision is built on, to be taken over by another."""
-    return BaseReading(base.drawing_id, base.walls_sha256, base.scale)
-
-
-def add_revision(
+def change(
     kernel: Kernel,
     session: Session,
     actor: Actor,
     *,
-    parent: Revision | None,
-    map_id: str,
-    reading: BaseReading,
-    recipe: Recipe,
-    layers: Sequence[PlannedLayer],
+    base: Revision,
+    operations: Sequence[Operation],
+    reason: str | None = None,
 ) -> Revised:
+    """Return a new revision: operations made for `base`, on the latest; this transaction holds the map.
+
+    Raises
+    ------
+    StaleBase
+        If `base` is not the latest, and somebody changed the same things since.
+    LayerNotFound, RegionNotFound, InvalidRequest
+        As `apply_all`.
+    """
+    held = state_of(session, base)
+    wished = apply_all(held, operations)
+    latest = table.latest_living_revision(session, base.map_id)
+    assert latest is not None
+    rebased = None
+    if latest.n != base.n:
+        present = state_of(session, latest)
+        yours, theirs = differences(held, wished), differences(held, present)
+        _require_apart(base, latest, yours, theirs)
+        wished = apply_all(present, operations)
+        rebased = Rebased(base.n, latest.n, theirs)
+    made = _Made(base.map_id, wished, latest.n, base.n, operations, reason)
+    return _add(kernel, session, actor, made, rebased=rebased)
+
+
+def _living(session: Session, map_id: str, n: int) -> Revision:
+    named = table.find_revision(session, map_id, n=n)
+    if named is None:
+        raise RevisionNotFound(f"The map {map_id} has no revision {n}.")
+    if named.status == RevisionStatus.FAILED:
+        require_ready(named)
+    return named
+
+
+def _require_apart(
+    base: Revision, latest: Revision, yours: list[Difference], theirs: list[Difference]
+) -> None:
+    shared = overlap(yours, theirs)
+    if shared:
+        told = " ".join(one.message for one in theirs if one.subject in shared)
+        raise StaleBase(
+            f"Since revision {base.n} somebody changed the same: {told} "
+            f"Look at revision {latest.n}, and ask again with it as the base.",
+            latest=latest.n,
+            overlap=sorted(shared),
+            theirs=[one.to_json() for one in theirs],
+            yours=[one.to_json() for one in yours],
+        )
+
+
+@dataclass(frozen=True)
+class _Made:
+    """Hold what a new revision will be."""
+
+    map_id: str
+    state: MapState
+    parent_n: int | None
+    base_n: int | None
+    operations: Sequence[Operation]
+    reason: str | None
+
+
+def _add(kernel: Kernel, session: Session, actor: Actor, made: _Made, *, rebased: Rebased | None) -> Revised:
     """Return the new revision's rows and job, of a map that this transaction holds."""
-    now = kernel.now()
+    now, state = kernel.now(), made.state
+    assert state.reading is not None
     revision_id = kernel.new_id("rev")
     job = enqueue(
         session,
         JobKind.BUILD_REVISION,
         job_id=kernel.new_id("job"),
-        map_id=map_id,
+        map_id=made.map_id,
         subject_id=revision_id,
         now=now,
     )
     revision = Revision(
         id=revision_id,
-        map_id=map_id,
-        n=table.take_number(session, map_id),
-        parent_n=None if parent is None else parent.n,
+        map_id=made.map_id,
+        n=table.take_number(session, made.map_id),
+        parent_n=made.parent_n,
+        base_n=made.base_n,
         status=RevisionStatus.BUILDING.value,
-        recipe=recipe.to_json(),
-        drawing_id=reading.drawing_id,
-        walls_sha256=reading.walls_sha256,
-        scale=reading.scale,
+        recipe=state.recipe.to_json(),
+        drawing_id=state.reading.drawing_id,
+        walls_sha256=state.reading.walls_sha256,
+        scale=state.reading.scale,
+        erased=[one.to_json() for one in state.erased],
+        operations=history(made.operations),
+        reason=made.reason,
         job_id=job.id,
         created_at=now,
         created_by=actor.key_id,
     )
-    rows = [
-        Layer(
-            id=kernel.new_id("lay"),
-            revision_id=revision_id,
-            position=position,
-            name=layer.name,
-            scan_id=layer.scan_id,
-            placement_id=layer.placement_id,
-            part=layer.part,
-        )
-        for position, layer in enumerate(layers)
-    ]
+    rows = layer_rows(kernel, revision_id, state)
     table.add_revision(session, revision, rows)
-    return Revised(Shown(revision, rows), job)
-
-
-def _reading_of(session: Session, map_id: str, drawing_id: str) -> BaseReading:
-    drawing = find_drawing(session, drawing_id)
-    if drawing is None or drawing.map_id != map_id:
-        raise DrawingNotFound(f"The map {map_id} has no drawing {drawing_id}.")
-    if drawing.reading is None or drawing.walls_sha256 is None:
-        raise DrawingNotRead(
-            f"The drawing {drawing_id} has no finished reading; its job is {drawing.job_id}.",
-            job_id=drawing.job_id,
-        )
-    scale: dict[str, Any] = drawing.reading.get("scale", {})
-    if scale.get("state", "unknown") == "unknown":
-        raise ScaleUnknown(
-            f"The scale of drawing {drawing_id} is not known; give it by PATCH /v1/drawings/{drawing_id}."
-        )
-    return BaseReading(drawing_id, drawing.walls_sha256, scale)
-
-
-def _plan(session: Session, map_id: str, wanted: Sequence[WantedLayer]) -> list[PlannedLayer]:
-    found = find_placements(session, [layer.placement_id for layer in wanted])
-    planned: list[PlannedLayer] = []
-    for position, layer in enumerate(wanted):
-        placement: Placement | None = found.pop(layer.placement_id, None)
-        if any(layer.placement_id == other.placement_id for other in planned):
-            detail = f"The placement {layer.placement_id} is named twice."
-            pointer = f"#/layers/{position}/placement_id"
-            raise InvalidRequest(detail, errors=[{"pointer": pointer, "detail": detail}])
-        if placement is None or placement.map_id != map_id:
-            raise PlacementNotFound(f"The map {map_id} has no placement {layer.placement_id}.")
-        require_acceptable(placement, reviewed=layer.reviewed)
-        planned.append(PlannedLayer(layer.name, placement.scan_id, placement.id, layer.part.to_json()))
-    return planned
+    after = {"n": revision.n, "parent_n": made.parent_n, "operations": revision.operations}
+    record(
+        kernel,
+        session,
+        actor,
+        action="revise",
+        subject_id=revision_id,
+        map_id=made.map_id,
+        before=None if made.parent_n is None else {"n": made.parent_n},
+        after={**after, "reason": made.reason},
+    )
+    return Revised(Shown(revision, rows), job, rebased)

@@ -10,7 +10,7 @@ from sqlalchemy.orm import Session
 from service.db import revisions as table
 from service.db.models import Artifact, Layer, Revision
 from service.domain.access import Actor
-from service.domain.errors import RevisionNotFound, RevisionNotReady
+from service.domain.errors import RevisionNotFound, RevisionNotReady, RevisionPruned
 from service.domain.lifecycle import RevisionStatus
 from service.usecases.maps import covered_map
 
@@ -49,9 +49,16 @@ def ready_revision(session: Session, actor: Actor, *, map_id: str, n: int) -> Re
         As `covered_revision`.
     RevisionNotReady
         If it is still building, or failed.
+    RevisionPruned
+        If its files were let go.
     """
     row = covered_revision(session, actor, map_id=map_id, n=n)
     require_ready(row)
+    if row.pruned_at is not None:
+        raise RevisionPruned(
+            f"The files of revision {n} were let go at {row.pruned_at:%Y-%m-%d %H:%M} UTC to make room; "
+            f"POST /v1/maps/{map_id}/revisions/{n}/rebuild makes them again."
+        )
     return row
 
 

@@ -13,6 +13,7 @@ from service.db.robots import Robot, RobotReport
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RobotNotFound
 from service.domain.lifecycle import RobotState, Role
+from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.keys import NewKey, create_key
 from service.usecases.maps import covered_map
@@ -105,11 +106,13 @@ def enrol_robot(
     )
     session.add(robot)
     session.flush()
+    after = {"name": name, "channel": channel, "group": group, "key_id": key.key.id}
+    record(kernel, session, actor, action="enrol-robot", subject_id=robot.id, map_id=map_id, after=after)
     return Enrolled(_followed(session, robot), key)
 
 
 def change_robot(
-    session: Session, actor: Actor, *, robot_id: str, changes: dict[str, str | None]
+    kernel: Kernel, session: Session, actor: Actor, *, robot_id: str, changes: dict[str, str | None]
 ) -> Followed:
     """Return the robot with another name, channel or group: what `changes` names.
 
@@ -122,9 +125,21 @@ def change_robot(
     """
     actor.require_role(Role.ADMIN)
     robot = _found(session, actor, robot_id, others=(Role.ADMIN,), lock=True)
-    for column, value in changes.items():
-        setattr(robot, {"group": "group_name"}.get(column, column), value)
+    columns = {name: {"group": "group_name"}.get(name, name) for name in changes}
+    before = {name: getattr(robot, column) for name, column in columns.items()}
+    for name, value in changes.items():
+        setattr(robot, columns[name], value)
     session.flush()
+    record(
+        kernel,
+        session,
+        actor,
+        action="change-robot",
+        subject_id=robot_id,
+        map_id=robot.map_id,
+        before=before,
+        after=changes,
+    )
     return _followed(session, robot)
 
 

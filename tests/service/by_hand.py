@@ -125,7 +125,9 @@ class ByHand:
         contents = {"point-cloud.pcd": cloud, "report.json": b"{}", **(more or {})}
         files = {path: self.keep(content) for path, content in contents.items()}
         with self.kernel.db.writing("record-revision") as session:
-            record_revision(self.kernel, session, attempt, report={"points": 1}, files=files)
+            record_revision(
+                self.kernel, session, attempt, report={"points": 1}, version="by hand", files=files
+            )
 
     def place(self, job_id: str, *, verdict: str = "accepted") -> None:
         """End a placement with a verdict."""

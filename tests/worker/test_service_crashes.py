@@ -13,6 +13,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.crash_points import CRASH_POINTS
+from service.db.comparisons import Comparison
 from service.db.deltas import Delta
 from service.db.models import (
     Blob,
@@ -26,8 +27,10 @@ from service.db.models import (
     Scan,
     Upload,
 )
+from service.db.proposals import Proposal
 from service.db.robots import Robot, RobotReport
 from service.settings import Settings
+from service.usecases.proposals import propose
 from tests import files
 from tests.server import start
 from tests.service.asking import a_map, a_placement, a_ready_revision
@@ -41,7 +44,21 @@ pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
 PNG = files.png()
 PLY = files.ply(files.room())
 AT_START = {"create-first-key", "forget-answers", "sweep-uploads"}
-TABLES = (Map, Key, Drawing, Scan, Placement, Revision, Publication, Job, Upload, Delta, Robot, RobotReport)
+TABLES = (
+    Map,
+    Key,
+    Drawing,
+    Scan,
+    Placement,
+    Revision,
+    Publication,
+    Job,
+    Upload,
+    Delta,
+    Comparison,
+    Robot,
+    RobotReport,
+)
 
 Request = tuple[str, str, dict[str, Any]]
 
@@ -105,6 +122,13 @@ class Service:
                 f"/v1/maps/{map_id}/revisions/{self.new_cloud(point)}/delta?from=1",
                 {},
             ),
+            "ask-comparison": lambda: (
+                "GET",
+                f"/v1/maps/{map_id}/revisions/{self.new_cloud(point)}/compare?with=1",
+                {},
+            ),
+            "rebuild-revision": lambda: ("POST", f"/v1/maps/{map_id}/revisions/1/rebuild", {}),
+            "decide-proposal": lambda: ("POST", f"/v1/proposals/{self.new_proposal()}/dismiss", {}),
             "enrol-robot": lambda: ("POST", "/v1/robots", {"json": {"name": "r", "map_id": map_id}}),
             "change-robot": lambda: ("PATCH", f"/v1/robots/{self.new_robot()}", {"json": {"name": point}}),
             "take-report": lambda: (
@@ -143,6 +167,16 @@ class Service:
         self.by_hand.build(made["job"]["id"], cloud=content.encode())
         n: int = made["revision"]["n"]
         return n
+
+    def new_proposal(self) -> str:
+        """Return the id of an open proposal."""
+        placement_id = a_placement(self.client, self.by_hand, self.map_id)
+        kernel = self.server.kernel
+        with kernel.db.writing("record-placement") as session:
+            placement = session.get_one(Placement, placement_id)
+            propose(kernel, session, placement, [{"layer_id": "lyr_1"}])
+        with kernel.db.reading() as session:
+            return session.scalars(select(Proposal.id).where(Proposal.placement_id == placement_id)).one()
 
     def new_robot(self) -> str:
         """Return the id of a new robot."""
@@ -221,6 +255,8 @@ NEW = {
     "accept-placement": {"revisions": 1, "jobs": 1},
     "publish": {"publications": 1},
     "ask-delta": {"deltas": 1, "jobs": 1},
+    "ask-comparison": {"comparisons": 1, "jobs": 1},
+    "rebuild-revision": {"jobs": 1},
     "enrol-robot": {"robots": 1, "keys": 1},
     "take-report": {"robot_reports": 1},
     "receive-drawing": {"drawings": 1, "jobs": 1},
@@ -312,6 +348,7 @@ def _difference(before: dict[str, int], after: dict[str, int]) -> dict[str, int]
 
 SAMPLE = [
     "blob.before-rename",
+    "ask-comparison.after-commit",
     "ask-delta.after-commit",
     "create-map.after-commit",
     "enrol-robot.after-commit",

@@ -14,6 +14,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.crash_points import CRASH_POINTS, MESSAGES
+from service.db.comparisons import Comparison
 from service.db.deltas import Delta
 from service.db.models import Artifact, Blob, Drawing, Job, Placement, Revision, Scan
 from service.domain.lifecycle import JobState
@@ -28,7 +29,7 @@ PARENTS = {
 } | {"message-job.before-send", "message-job.after-send"}
 RECORDS = {
     f"record-{what}.{when}-commit"
-    for what in ("drawing-reading", "scan-reading", "placement", "revision", "delta")
+    for what in ("drawing-reading", "scan-reading", "placement", "revision", "delta", "comparison", "rebuild")
     for when in ("before", "after")
 }
 BLOBS = {"blob.before-fsync", "blob.before-rename", "blob.after-rename"}
@@ -73,6 +74,11 @@ class Story:
         assert self.bench.wait_final(job_id).state == JobState.SUCCEEDED
         return job_id
 
+    def number(self, job_id: str) -> int:
+        """Return the number of the revision that a job built."""
+        with self.bench.kernel.db.reading() as session:
+            return session.scalars(select(Revision.n).where(Revision.job_id == job_id)).one()
+
     def job_for(self, point: str) -> str:
         """Return a new job that passes the point."""
         makers: dict[str, Callable[[], str]] = {
@@ -82,6 +88,10 @@ class Story:
             "record-delta": lambda: self.bench.add_delta(
                 old=self.cloud.read_bytes(), new=self.cloud.read_bytes() + point.encode()
             ),
+            "record-comparison": lambda: self.bench.add_comparison(
+                1, self.number(self.done(self.bench.add_revision(self.drawing, voxel_size_m=0.3)))
+            ),
+            "record-rebuild": lambda: self.bench.add_rebuild(1),
             "beat-job": lambda: self.bench.add_drawing(self.slow),
             "end-job": lambda: self.bench.add_drawing(self.text),
             "message-failed": lambda: self.bench.add_drawing(self.text),
@@ -134,6 +144,7 @@ def assert_whole(bench: Workbench) -> None:
             (Scan, Scan.reading),
             (Placement, Placement.verdict),
             (Delta, Delta.sha256),
+            (Comparison, Comparison.picture_sha256),
         ):
             for job_id, value in session.execute(select(table.job_id, result)):
                 assert (value is not None) == (job_id in succeeded)
@@ -154,8 +165,10 @@ SAMPLE = [
     "end-job.before-commit",
     "message-done.before-send",
     "message-started.after-send",
+    "record-comparison.before-commit",
     "record-delta.before-commit",
     "record-placement.before-commit",
+    "record-rebuild.before-commit",
     "record-revision.after-commit",
     "record-revision.before-commit",
 ]

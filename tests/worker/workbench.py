@@ -24,11 +24,14 @@ from service.db.jobs import enqueue
 from service.db.models import Drawing, Job, Key, Map, Placement, Revision, Scan
 from service.db.schema import upgrade
 from service.db.session import Database, open_engine
-from service.domain.lifecycle import JobKind, JobState
+from service.domain.access import Actor
+from service.domain.lifecycle import JobKind, JobState, Role
 from service.domain.recipe import Recipe
 from service.storage.local import LocalBlobStore
+from service.usecases.compare import compare
 from service.usecases.deltas import ask_for_delta
 from service.usecases.kernel import Kernel
+from service.usecases.rebuild import rebuild
 from worker.formats.pcd import write_pcd
 from worker.geometry.cloud.point_cloud import PointCloud
 
@@ -248,6 +251,17 @@ class Workbench:
                 staged.write(content)
                 sha256s.append(staged.keep().sha256)
         return ask_for_delta(self.kernel, map_id=self.map_id, from_sha256=sha256s[0], to_sha256=sha256s[1])
+
+    def add_comparison(self, with_n: int, n: int) -> str:
+        """Return the job that compares two revisions, asked for as a person does."""
+        actor = Actor(self.key_id, Role.ADMIN)
+        return compare(self.kernel, actor, map_id=self.map_id, n=n, with_n=with_n).job.id
+
+    def add_rebuild(self, n: int) -> str:
+        """Return the job that builds a revision again."""
+        actor = Actor(self.key_id, Role.ADMIN)
+        with self.kernel.db.writing("rebuild-revision") as session:
+            return rebuild(self.kernel, session, actor, map_id=self.map_id, n=n).id
 
     def job(self, job_id: str) -> Job:
         """Return the job as it stands."""

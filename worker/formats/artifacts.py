@@ -12,12 +12,14 @@ from service.domain.bounds import Bounds
 from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from service.domain.recipe import Recipe
+from service.domain.region import Region
 from worker.formats import preview
 from worker.formats.occupancy import write_occupancy
 from worker.formats.package import write_coded, write_manifest, write_package
 from worker.formats.pcd import write_pcd
 from worker.formats.reading import write_json, write_walls
 from worker.formats.tiles import in_tile_order, write_autoware, write_tiles
+from worker.geometry.cloud.erase import cut_columns, cut_walls, from_floor_to_top
 from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_columns, place_walls
 from worker.geometry.cloud.occupancy_grid import OccupancyGrid, occupancy_grid
 from worker.geometry.cloud.point_cloud import Label, PointCloud
@@ -34,6 +36,7 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     inputs: dict[str, Any],
     columns: Sequence[Column] = (),
     layers: Sequence[PlacedLayer] = (),
+    erased: Sequence[Region] = (),
     findings: Sequence[Finding] = (),
     bounds: Bounds | None = None,
     progress: Progress | None = None,
@@ -52,6 +55,8 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         What the build started from (file names, sha256, scale), for ``report.json``.
     layers : sequence of PlacedLayer
         In frame `map`.
+    erased : sequence of Region
+        In frame `map`: taken off walls, floor and ceiling.
     findings : sequence of Finding
         Remarks of earlier steps, for ``report.json``.
     bounds : Bounds, optional
@@ -70,7 +75,7 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     Raises
     ------
     NoWallsFound
-        If there is no wall.
+        If there is no wall, or everything is erased.
     TooManyPoints
         If the cloud would exceed `bounds.max_map_points`.
     CoordinatesTooLarge
@@ -85,8 +90,15 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     T_map_drawing = map_transform(recipe)
     walls, columns = place_walls(walls, T_map_drawing), place_columns(columns, T_map_drawing)
     tell("point-cloud", 0.1)
-    cloud = in_tile_order(compound(walls, columns, recipe=recipe, layers=layers, bounds=bounds))
-    grid = occupancy_grid(walls, columns, layers=layers, resolution=recipe.occupancy_resolution_m)
+    cloud = in_tile_order(
+        compound(walls, columns, recipe=recipe, layers=layers, erased=erased, bounds=bounds)
+    )
+    gone = from_floor_to_top(erased, recipe.wall_height_m)
+    cells = recipe.occupancy_resolution_m
+    grid = occupancy_grid(walls, columns, layers=layers, erased=gone, resolution=cells)
+    walls, columns = cut_walls(walls, gone), cut_columns(columns, gone)
+    if not len(cloud):
+        raise NoWallsFound("Everything is erased: there is nothing left that a map could be made of.")
     tell("files", 0.4)
     paths = _for_robots(directory, cloud, grid, walls, columns)
     tell("preview", 0.8)

@@ -18,6 +18,7 @@ PARTITION: Colour = (0, 92, 175)
 COLUMN: Colour = (110, 60, 150)
 LAYER: Colour = (0, 140, 90)
 BODY: Colour = (214, 214, 214)
+GONE: Colour = (205, 40, 40)
 REMOVED: Colour = (238, 178, 140)
 _BY_LAYER: dict[str, Colour] = {
     "text": (205, 40, 80),

@@ -4,10 +4,15 @@ from __future__ import annotations
 
 import json
 from dataclasses import dataclass
+from importlib.metadata import version
 from typing import Any
 
 from service.db.models import Drawing, Revision
+from service.domain.map_state import ErasedRegion
 from service.domain.recipe import Recipe
+from service.storage.blobs import Stored
+from service.usecases.map_states import erased_of
+from service.usecases.rebuild import record_rebuild
 from service.usecases.record_revision import record_revision
 from worker.context import JobContext, LayerSource
 from worker.formats.artifacts import write_artifacts
@@ -23,9 +28,15 @@ class _Inputs:
     walls_sha256: str
     scale: dict[str, Any]
     layers: list[LayerSource]
+    erased: list[ErasedRegion]
 
     def to_json(self) -> dict[str, Any]:
-        return {"drawing": self.drawing, "scale": self.scale, "layers": [x.to_json() for x in self.layers]}
+        return {
+            "drawing": self.drawing,
+            "scale": self.scale,
+            "layers": [x.to_json() for x in self.layers],
+            "erased": [x.to_json() for x in self.erased],
+        }
 
 
 def build_revision(context: JobContext) -> None:
@@ -38,6 +49,33 @@ def build_revision(context: JobContext) -> None:
     5. keep the files as blobs
     6. make the revision ready with the end of the job
     """
+    report, files = _derive(context)
+    with context.kernel.db.writing("record-revision") as session:
+        record_revision(
+            context.kernel,
+            session,
+            context.attempt,
+            report=report,
+            version=version("groundplan"),
+            files=files,
+        )
+
+
+def rebuild_revision(context: JobContext) -> None:
+    """Build a revision's artifacts again, and compare them with what is recorded.
+
+    Raises
+    ------
+    RebuiltDifferently
+        If a file has other bytes than it had.
+    """
+    _, files = _derive(context)
+    with context.kernel.db.writing("record-rebuild") as session:
+        record_rebuild(context.kernel, session, context.attempt, version=version("groundplan"), files=files)
+
+
+def _derive(context: JobContext) -> tuple[dict[str, Any], dict[str, Stored]]:
+    """Return the report and the artifacts of the revision that the job is about."""
     inputs = _inputs(context)
     blobs = context.kernel.blobs
     context.progress("load", 0.0)
@@ -51,14 +89,13 @@ def build_revision(context: JobContext) -> None:
         recipe=inputs.recipe,
         inputs=inputs.to_json(),
         layers=layers,
+        erased=[one.region for one in inputs.erased if one.drawing],
         bounds=context.bounds,
         progress=lambda stage, share: context.progress(stage, 0.1 + 0.8 * share),
     )
     report = json.loads((folder / "report.json").read_text(encoding="utf-8"))
     context.progress("store", 0.95)
-    files = {str(path.relative_to(folder)): blobs.adopt(path) for path in paths}
-    with context.kernel.db.writing("record-revision") as session:
-        record_revision(context.kernel, session, context.attempt, report=report, files=files)
+    return report, {str(path.relative_to(folder)): blobs.adopt(path) for path in paths}
 
 
 def _inputs(context: JobContext) -> _Inputs:
@@ -68,5 +105,10 @@ def _inputs(context: JobContext) -> _Inputs:
         drawing = session.get_one(Drawing, revision.drawing_id)
         named = {"id": drawing.id, "sha256": drawing.blob_sha256, "walls_sha256": revision.walls_sha256}
         return _Inputs(
-            Recipe.from_json(revision.recipe), named, revision.walls_sha256, revision.scale, layers
+            recipe=Recipe.from_json(revision.recipe),
+            drawing=named,
+            walls_sha256=revision.walls_sha256,
+            scale=revision.scale,
+            layers=layers,
+            erased=list(erased_of(revision)),
         )

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
@@ -16,12 +17,16 @@ from service.domain.rough_pose import RoughPose
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
-from worker.context import JobContext
+from worker.context import JobContext, LayerSource
 from worker.formats.reading import load_walls_and_columns
 from worker.formats.scan import read_upright_scan
+from worker.geometry.cloud.free_space import free_space
+from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.registration.place import Placed
 from worker.geometry.registration.place_upright import place_upright_scan
+from worker.geometry.registration.structure import find_viewpoint
 from worker.geometry.registration.target import PlacementTarget
+from worker.geometry.scan.upright import UprightScan
 
 
 @dataclass(frozen=True)
@@ -44,7 +49,7 @@ def place_scan(context: JobContext) -> None:
     1. look up the scan, the revision and the rough pose, if there is one
     2. load the scan and make it upright; load the revision's wall faces, and the layers of other scans
     3. match the scan to them
-    4. judge the evidence; a rejected placement is a result as well
+    4. judge the evidence; a rejected placement is a result as well; see which layers have gone since
     5. keep the labels as a blob
     6. record the placement with the end of the job
     """
@@ -52,9 +57,10 @@ def place_scan(context: JobContext) -> None:
     context.progress("load", 0.0)
     path = context.kernel.blobs.path(asked.scan_sha256)
     scan = read_upright_scan(path, context.bounds, options=asked.options)
+    others = _others(context, asked)
     placed = place_upright_scan(
         scan,
-        _target(context, asked),
+        _target(context, asked, list(others.values())),
         initial=asked.initial,
         ndt_resolution=asked.ndt_resolution_m,
         progress=lambda stage, share: context.progress(stage, 0.1 + 0.8 * share),
@@ -62,8 +68,9 @@ def place_scan(context: JobContext) -> None:
     labels = context.folder("placement") / "labels.npy"
     np.save(labels, placed.labels)
     files = {labels.name: context.kernel.blobs.adopt(labels)}
+    gone = _gone(scan, placed.T_map_scan, others)
     with context.kernel.db.writing("record-placement") as session:
-        record_placement(context.kernel, session, context.attempt, result=_result(placed), files=files)
+        record_placement(context.kernel, session, context.attempt, result=_result(placed, gone), files=files)
 
 
 def _asked(context: JobContext) -> _Asked:
@@ -91,12 +98,29 @@ def _initial(pose: dict[str, Any] | None) -> Transform | None:
     return None if pose is None else RoughPose.from_json(pose).transform()
 
 
-def _target(context: JobContext, asked: _Asked) -> PlacementTarget:
-    """Return the revision to place on, without the scan itself: it would find its own earlier place."""
+def _others(context: JobContext, asked: _Asked) -> dict[LayerSource, PlacedLayer]:
+    """Return the revision's layers without the scan itself: it would find its own earlier place."""
+    sources = context.layer_sources(asked.revision_id)
+    return {one: context.load_layer(one) for one in sources if one.scan_id != asked.scan_id}
+
+
+def _gone(
+    scan: UprightScan, T_map_scan: Transform, others: Mapping[LayerSource, PlacedLayer]
+) -> list[dict[str, Any]]:
+    """Return of each layer that the placed scan looked through what tells so."""
+    kept = scan.scan.points[~scan.outliers]
+    points, eye = T_map_scan.apply(kept), T_map_scan.apply(find_viewpoint(kept)[None])[0]
+    found = [(one, free_space(layer.cloud.points, points, eye=eye)) for one, layer in others.items()]
+    return [
+        {"layer_id": one.layer_id, "name": one.name, **asdict(told)} for one, told in found if told.is_gone
+    ]
+
+
+def _target(context: JobContext, asked: _Asked, others: Sequence[PlacedLayer]) -> PlacementTarget:
+    """Return the revision to place on: its walls, and the layers of other scans."""
     path = context.kernel.blobs.path(asked.walls_sha256)
     walls, columns = load_walls_and_columns(path, bounds=context.bounds)
-    others = [s for s in context.layer_sources(asked.revision_id) if s.scan_id != asked.scan_id]
-    points = [context.load_layer(source).cloud.points for source in others]
+    points = [layer.cloud.points for layer in others]
     return PlacementTarget.from_faces(
         walls,
         columns,
@@ -106,12 +130,12 @@ def _target(context: JobContext, asked: _Asked) -> PlacementTarget:
     )
 
 
-def _result(placed: Placed) -> PlacementResult:
+def _result(placed: Placed, gone: list[dict[str, Any]]) -> PlacementResult:
     judgement = judge(placed.evidence)
     return PlacementResult(
         T_map_scan=placed.T_map_scan.tolist(),
         verdict=judgement.verdict,
         reasons=list(judgement.reasons),
-        evidence=placed.evidence.to_json(),
+        evidence={**placed.evidence.to_json(), "gone": gone},
         candidates=[candidate.to_json() for candidate in placed.candidates],
     )

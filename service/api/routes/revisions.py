@@ -41,9 +41,10 @@ def create_revision(
 ) -> Response:
     """Ask for a new revision: a recipe, a read drawing and placed scans become a map.
 
-    With `base`, which has to be the map's latest revision, what the body leaves out is taken over from
-    it; without, only what the body names goes in. The revision is `building` until its job ends. Needs
-    a tablet or admin key.
+    With `base`, what the body leaves out is taken over from it, and `operations` change it; without, only
+    what the body names goes in. What others did since the base is kept (`rebased` tells what), or the
+    request is refused where they changed the same things. The revision is `building` until its job ends.
+    Needs a tablet or admin key.
     """
 
     def act(session: Session) -> Answered:
@@ -106,12 +107,22 @@ def publish_revision(
 ) -> Response:
     """Point a channel to a ready revision: robots that ask are told this one. An earlier one rolls back.
 
-    Needs an admin key.
+    Refused where a gate is closed (`GET .../gates`), unless `override` says why it is done all the same; a
+    revision that was on the channel before always passes. Needs an admin key.
     """
     holds = None if if_match is None else partial(match, if_match)
 
     def act(session: Session) -> Answered:
-        done = publish.publish(kernel, session, actor, map_id=map_id, n=n, channel=body.channel, holds=holds)
+        done = publish.publish(
+            kernel,
+            session,
+            actor,
+            map_id=map_id,
+            n=n,
+            channel=body.channel,
+            holds=holds,
+            said=body.said(),
+        )
         tag = f'"{publish.pointer_tag(done.pointer)}"'
         return answered(PublishedOut.of(done, base_url=base_url), status=200, headers={"ETag": tag})
 

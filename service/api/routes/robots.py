@@ -105,7 +105,7 @@ def get_robot(kernel: KernelDep, actor: AnyActor, robot_id: RobotId) -> RobotOut
 def change_robot(kernel: KernelDep, actor: AdminActor, robot_id: RobotId, body: RobotChangeIn) -> RobotOut:
     """Give a robot another name, channel or group. Needs an admin key."""
     with kernel.db.writing("change-robot") as session:
-        changed = robots.change_robot(session, actor, robot_id=robot_id, changes=body.changes())
+        changed = robots.change_robot(kernel, session, actor, robot_id=robot_id, changes=body.changes())
         return RobotOut.of(changed)
 
 

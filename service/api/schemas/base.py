@@ -31,6 +31,9 @@ def _printable(value: str) -> str:
 Text = Annotated[str, Field(min_length=1, max_length=200), AfterValidator(_printable)]
 """A name: 1 to 200 characters, none of them a control character."""
 
+Remark = Annotated[str, Field(min_length=1, max_length=2000), AfterValidator(_printable)]
+"""A sentence or a few of a person: 1 to 2000 characters, none of them a control character."""
+
 Identifier = Annotated[str, Field(min_length=1, max_length=40, pattern=r"^[a-z]+_[0-9a-z]+$")]
 """An id as this service makes them: a prefix of its kind and 26 characters."""
 

@@ -9,7 +9,7 @@ from pydantic import Field
 
 from service.api.schemas.base import Input, JsonObject, Number, Output, Text
 from service.api.schemas.jobs import JobOut
-from service.api.schemas.revisions import LayerPartIn
+from service.api.schemas.operations import LayerPartIn
 from service.db.models import Placement
 from service.domain.rough_pose import RoughPose
 from service.usecases.place import Asked, WantedPlacement

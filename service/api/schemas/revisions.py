@@ -3,111 +3,68 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import Field
 
-from service.api.schemas.base import Identifier, Input, JsonObject, Number, Output, Text
+from service.api.schemas.base import Identifier, Input, JsonObject, Output, Remark
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.operations import LayerIn, OperationIn, RecipeIn
 from service.db.models import Artifact
-from service.domain.layer_part import LayerPart
+from service.domain.errors import InvalidRequest
 from service.domain.lifecycle import RevisionStatus
-from service.domain.region import MAX_REGIONS, MAX_VERTICES
-from service.usecases.publish import Published
-from service.usecases.revise import Revised, Wanted, WantedLayer
+from service.usecases.publish import Published, Said
+from service.usecases.revise import Revised, Wanted
 from service.usecases.revisions import Shown
 
 
-class RegionIn(Input):
-    """A polygon seen from above, in frame `map`, between two heights if they are given."""
-
-    within: list[Annotated[list[Number], Field(min_length=2, max_length=2)]] = Field(
-        min_length=3, max_length=MAX_VERTICES, description="Corners [x, y], in metres."
-    )
-    z_min_m: Number | None = None
-    z_max_m: Number | None = None
-
-
-class MapFromDrawingIn(Input):
-    """`T_map_drawing`: where the drawing's origin lies in the map, and how it is turned."""
-
-    x_m: Number = 0.0
-    y_m: Number = 0.0
-    yaw_rad: Number = 0.0
-
-
-class RecipeIn(Input):
-    """How the map is built; a field left out comes from the base, or is the default."""
-
-    voxel_size_m: Number = Field(0.4, ge=0.005, le=5, description="Edge of the voxel grid filter.")
-    wall_height_m: Number = Field(2.5, ge=0.1, le=100, description="Height to which walls are stacked.")
-    floor: bool = Field(False, description="Whether there is a floor at z = 0.", strict=True)
-    ceiling: bool = Field(False, description="Whether there is a ceiling at the wall height.", strict=True)
-    layer_voxel_size_m: Number = Field(0.05, ge=0.005, le=5, description="Voxel edge of placed scans.")
-    occupancy_resolution_m: Number = Field(0.05, ge=0.01, le=1, description="Cell of the occupancy grid.")
-    map_from_drawing: MapFromDrawingIn = MapFromDrawingIn()
-
-
-class LayerPartIn(Input):
-    """Which of a placed scan's points a layer holds."""
-
-    points: Literal["target", "all"] = Field(
-        "target", description="What the map did not explain when the scan was placed, or every point."
-    )
-    include: list[RegionIn] = Field(
-        default_factory=list, max_length=MAX_REGIONS, description="Where all points are taken too."
-    )
-    exclude: list[RegionIn] = Field(
-        default_factory=list, max_length=MAX_REGIONS, description="Where no point is taken; comes last."
-    )
-
-    def part(self) -> LayerPart:
-        """Return the part as the use cases take it."""
-        return LayerPart.from_json(self.model_dump(exclude_none=True))
-
-
-class LayerIn(Input):
-    """A placed scan that the revision is to contain."""
-
-    placement_id: Identifier
-    name: Text = "layer"
-    reviewed: bool = Field(
-        False, description="A person has looked at a placement that needs a review.", strict=True
-    )
-    part: LayerPartIn = LayerPartIn()
-
-
 class RevisionIn(Input):
-    """A new revision. With `base`, what is left out is taken over from it; without, nothing is."""
+    """A new revision. With `base`, what is left out is taken over from it; without, nothing is.
+
+    What others did since `base` is kept where it is about other things; else the request is refused.
+    """
 
     base: Annotated[int, Field(ge=1, le=2**31 - 1, strict=True)] | None = Field(
-        None, description="The map's latest revision, if it is to be changed; an earlier one is refused."
+        None, description="The revision that is changed: the one that the person who asks has in view."
     )
     drawing_id: Identifier | None = Field(None, description="A read drawing; needed without `base`.")
     recipe: RecipeIn = RecipeIn()
     layers: Annotated[list[LayerIn], Field(max_length=1000)] | None = Field(
         None, description="All layers in their order; an empty list drops those of the base."
     )
+    operations: Annotated[list[OperationIn], Field(max_length=200)] = Field(
+        default_factory=list, description="What is done to the base, one after the other; needs `base`."
+    )
+    reason: Remark | None = Field(None, description="Why, for the history.")
 
     def wanted(self) -> Wanted:
         """Return the body as the use case takes it."""
-        layers = (
-            None
-            if self.layers is None
-            else [WantedLayer(x.placement_id, x.name, x.reviewed, x.part.part()) for x in self.layers]
+        if self.operations and self.base is None:
+            detail = "Operations change a revision: name it as `base`."
+            raise InvalidRequest(detail, errors=[{"pointer": "#/base", "detail": detail}])
+        return Wanted(
+            base=self.base,
+            drawing_id=self.drawing_id,
+            recipe=self.recipe.model_dump(exclude_unset=True),
+            layers=None if self.layers is None else [layer.wanted() for layer in self.layers],
+            operations=[operation.wanted() for operation in self.operations],
+            reason=self.reason,
         )
-        recipe = self.recipe.model_dump(exclude_unset=True)
-        return Wanted(base=self.base, drawing_id=self.drawing_id, recipe=recipe, layers=layers)
 
 
 class LayerOut(Output):
-    """A placed scan in a revision."""
+    """A placed scan in a revision; `layer_id` names it from revision to revision."""
 
+    layer_id: str
     name: str
     scan_id: str
     placement_id: str
     part: JsonObject | None = Field(
         description="Which of the scan's points it holds; null, all of them, in layers of the first days."
+    )
+    visible: bool = Field(description="Whether its points are in the revision's files.")
+    T_map_scan: list[list[float]] | None = Field(
+        description="Where the scan lies; null, where its placement has it, in layers of the first days."
     )
 
 
@@ -116,14 +73,24 @@ class RevisionOut(Output):
 
     map_id: str
     n: int
-    parent_n: int | None
+    parent_n: int | None = Field(description="The revision that the operations were applied to.")
+    base_n: int | None = Field(description="The revision that the person who asked had in view.")
     status: RevisionStatus
     recipe: JsonObject
     drawing_id: str
     layers: list[LayerOut]
+    erased: list[JsonObject] | None = Field(description="Regions whose points were taken off.")
+    operations: list[JsonObject] | None = Field(description="What was done to the parent.")
+    reason: str | None
     job_id: str
     report: JsonObject | None = Field(description="What was built from what, once it is ready.")
+    software_version: str | None = Field(description="The version of this software that built it.")
+    artifacts_sha256: str | None = Field(
+        description="SHA-256 over the sorted lines `<sha256>  <path>` of all its files."
+    )
+    pruned_at: datetime | None = Field(description="When its files were let go to make room.")
     created_at: datetime
+    created_by: str
     ended_at: datetime | None
 
     @classmethod
@@ -134,16 +101,41 @@ class RevisionOut(Output):
         return cls(**fields, layers=layers)
 
 
+class DifferenceOut(Output):
+    """One thing in which two states of a map differ."""
+
+    subject: str = Field(
+        description="`drawing`, `recipe.<field>`, `layer.<id>`, `scan.<id>` or `region.<id>`."
+    )
+    change: str
+    message: str
+    before: JsonObject | None
+    after: JsonObject | None
+
+
+class RebasedOut(Output):
+    """That a change was put onto a later revision than the one it was made for, and what lies between."""
+
+    base: int
+    onto: int
+    changes: list[DifferenceOut]
+
+
 class RevisionWithJob(Output):
     """A new revision, building, and the job that builds it."""
 
     revision: RevisionOut
     job: JobOut
+    rebased: RebasedOut | None = Field(
+        description="What others changed since the base, kept in this revision; null if nobody did."
+    )
 
     @classmethod
     def of(cls, revised: Revised, *, base_url: str) -> Self:
         """Return a new revision as JSON."""
-        return cls(revision=RevisionOut.of(revised.shown), job=JobOut.of(revised.job, base_url=base_url))
+        rebased = None if revised.rebased is None else RebasedOut.model_validate(revised.rebased)
+        job = JobOut.of(revised.job, base_url=base_url)
+        return cls(revision=RevisionOut.of(revised.shown), job=job, rebased=rebased)
 
 
 class ArtifactOut(Output):
@@ -171,10 +163,22 @@ Channel = Annotated[str, Field(pattern=r"^[a-z][a-z0-9-]{0,39}$")]
 """A channel's name: small letters, digits and hyphens."""
 
 
+class OverrideIn(Input):
+    """An admin's word for publishing although something stands against it; kept under the key's name."""
+
+    reason: Remark
+
+
 class PublishIn(Input):
-    """Where a revision is to be published."""
+    """Where a revision is to be published, and why."""
 
     channel: Channel = "stable"
+    reason: Remark | None = Field(None, description="Why, for the history.")
+    override: OverrideIn | None = Field(None, description="Publish although gates are closed.")
+
+    def said(self) -> Said:
+        """Return the remarks as the use case takes them."""
+        return Said(self.reason, None if self.override is None else self.override.reason)
 
 
 class PublishedOut(Output):

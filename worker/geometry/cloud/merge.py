@@ -9,9 +9,11 @@ import numpy as np
 
 from service.domain.bounds import Bounds
 from service.domain.recipe import Recipe
+from service.domain.region import Region
 from service.domain.transform import Transform
+from worker.geometry.cloud.erase import without
 from worker.geometry.cloud.extrude import check_size, extrude, planes, wall_columns
-from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.cloud.point_cloud import Label, PointCloud, joined
 from worker.geometry.cloud.voxel_grid import filter_cloud
 from worker.geometry.drawing.reading.reading import Column, Wall
 
@@ -54,6 +56,7 @@ def compound(
     *,
     recipe: Recipe,
     layers: Sequence[PlacedLayer] = (),
+    erased: Sequence[Region] = (),
     bounds: Bounds | None = None,
 ) -> PointCloud:
     """Return the map's point cloud: walls, then ceiling, then floor, then each layer in its order.
@@ -69,6 +72,8 @@ def compound(
         Voxel sizes, wall height, floor and ceiling; its `map_from_drawing` is not applied here.
     layers : sequence of PlacedLayer
         In frame `map`.
+    erased : sequence of Region
+        Taken off walls, floor and ceiling; layers come as they are.
     bounds : Bounds, optional
         `max_map_points` is the most that is made.
 
@@ -97,8 +102,9 @@ def compound(
         ceiling=recipe.ceiling,
         max_points=bounds.max_map_points,
     )
+    parts = [without(part, erased) for part in parts]
     parts += [filter_cloud(x.cloud, recipe.layer_voxel_size_m, label=Label.LAYER) for x in layers]
-    return PointCloud(np.vstack([p.points for p in parts]), np.concatenate([p.labels for p in parts]))
+    return joined(parts)
 
 
 def _flat(line: np.ndarray, T: Transform) -> np.ndarray:

@@ -8,7 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.domain.errors import TooManyPoints
+from service.domain.errors import NoWallsFound, TooManyPoints
+from service.domain.region import Region
+from worker.geometry.cloud.erase import held_flat
 from worker.geometry.cloud.extrude import footprint, sample_polyline
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.voxel_grid import voxel_index
@@ -44,6 +46,7 @@ def occupancy_grid(
     columns: Sequence[Column] = (),
     *,
     layers: Sequence[PlacedLayer] = (),
+    erased: Sequence[Region] = (),
     resolution: float,
 ) -> OccupancyGrid:
     """Return the grid of what a robot on the floor meets, in frame `map`.
@@ -51,13 +54,16 @@ def occupancy_grid(
     Occupied: wall bodies with their faces, columns, and layer points between 0.1 and 2.0 m above the floor.
     Free: what the
     walls enclose, gaps of up to two metres counted as doors. The rest is unknown: the drawing does not tell.
+    In `erased` regions no wall stands any more; what it enclosed is free all the same.
     """
     points = [_body(w, resolution) for w in walls]
     points += [sample_polyline(np.vstack([c.outline, c.outline[:1]]), resolution / 2) for c in columns]
     solid = np.vstack(points)
     stands = [x.cloud.points for x in layers]
     stands = [p[(p[:, 2] > _LOWEST) & (p[:, 2] < _HIGHEST), :2] for p in stands]
-    occupied = np.vstack([solid, *stands])
+    occupied = np.vstack([solid[~held_flat(solid, erased)], *stands])
+    if not len(occupied):
+        raise NoWallsFound("Everything is erased: there is nothing left that a map could be made of.")
     index = voxel_index(occupied, resolution)
     low, high = index.min(axis=0) - _BORDER_CELLS, index.max(axis=0) + _BORDER_CELLS
     shape = high - low + 1

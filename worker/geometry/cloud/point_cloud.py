@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from enum import IntEnum
 
@@ -57,3 +58,12 @@ class PointCloud:
 
     def __len__(self) -> int:
         return len(self.points)
+
+
+def joined(clouds: Sequence[PointCloud]) -> PointCloud:
+    """Return the points of clouds in one frame, one cloud after the other."""
+    if not clouds:
+        return PointCloud.of(np.zeros((0, 3)))
+    return PointCloud(
+        np.vstack([cloud.points for cloud in clouds]), np.concatenate([cloud.labels for cloud in clouds])
+    )

@@ -1,0 +1,27 @@
+"""Proposals to take off what a later scan looked through, as they are shown."""
+
+from __future__ import annotations
+
+from datetime import datetime
+
+from pydantic import Field
+
+from service.api.schemas.base import JsonObject, Output
+from service.domain.lifecycle import ProposalState
+
+
+class ProposalOut(Output):
+    """A layer that a placed scan looked through: it seems to have gone."""
+
+    id: str
+    map_id: str
+    placement_id: str = Field(description="The placement of the scan that looked through it.")
+    layer_id: str
+    state: ProposalState
+    evidence: JsonObject = Field(
+        description="Of the layer's points: how many were asked about, still seen, and looked through."
+    )
+    revision_n: int | None = Field(description="The revision that took it off, once accepted.")
+    created_at: datetime
+    decided_at: datetime | None
+    decided_by: str | None

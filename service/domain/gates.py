@@ -1,0 +1,80 @@
+"""What stands against publishing a revision: each gate is a sentence that a person can act on."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+
+@dataclass(frozen=True)
+class Gate:
+    """Hold one thing that stands against publishing.
+
+    Parameters
+    ----------
+    code : str
+        `placement-not-accepted`, `finding-unresolved` or `proposal-open`.
+    subject : str
+        A layer, a drawing or a proposal, by its id.
+    message : str
+        What was found, and what to do.
+    """
+
+    code: str
+    subject: str
+    message: str
+
+    def to_json(self) -> dict[str, Any]:
+        """Return the gate as a JSON object."""
+        return {"code": self.code, "subject": self.subject, "message": self.message}
+
+
+@dataclass(frozen=True)
+class JudgedLayer:
+    """Hold a visible layer with the verdict that its placement was given."""
+
+    layer_id: str
+    name: str
+    verdict: str
+    reasons: Sequence[str]
+
+
+def closed_gates(
+    layers: Iterable[JudgedLayer],
+    *,
+    drawing_id: str,
+    findings: Iterable[Mapping[str, Any]],
+    proposals: Mapping[str, str],
+) -> list[Gate]:
+    """Return what stands against publishing; an empty list is a revision that may go out.
+
+    Parameters
+    ----------
+    layers : iterable of JudgedLayer
+        Those that the revision's files hold.
+    findings : iterable of mapping
+        What the drawing's reading remarked; only `serious` ones close a gate.
+    proposals : mapping of str to str
+        Open proposals about these layers, with the name of the layer that each is about.
+    """
+    gates = [_not_accepted(layer) for layer in layers if layer.verdict != "accepted"]
+    gates += [
+        Gate("finding-unresolved", drawing_id, f"The drawing's reading says: {one.get('message', '')}")
+        for one in findings
+        if one.get("severity") == "serious"
+    ]
+    gates += [
+        Gate(
+            "proposal-open",
+            proposal_id,
+            f"A later scan looked through the layer {name!r}: accept or dismiss the proposal.",
+        )
+        for proposal_id, name in proposals.items()
+    ]
+    return gates
+
+
+def _not_accepted(layer: JudgedLayer) -> Gate:
+    told = f"The placement of the layer {layer.name!r} has the verdict {layer.verdict!r}"
+    return Gate("placement-not-accepted", layer.layer_id, ": ".join([told, *layer.reasons[:1]]))
