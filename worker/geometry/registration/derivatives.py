@@ -21,7 +21,8 @@ from worker.geometry.registration.cells import find_row
 from worker.geometry.registration.ndt_map import NdtMap
 
 _CHUNK = 256
-_WORTH_THREADS = 1_000
+_UPPER = np.triu_indices(6)
+_WORTH_THREADS = 2_000
 
 
 def derivatives(
@@ -59,8 +60,9 @@ def derivatives(
     )  # fmt: skip
     total = np.add.reduce(sums, axis=0)
     hessian = np.zeros((6, 6))
-    hessian[np.triu_indices(6)] = total[7:]
-    return float(total[0]), total[1:7], hessian + np.triu(hessian, 1).T
+    hessian[_UPPER] = total[7:]
+    hessian.T[_UPPER] = total[7:]
+    return float(total[0]), total[1:7], hessian
 
 
 def score_points(

@@ -94,10 +94,11 @@ def register_ndt(
         msg = f"source points are (N, 3) with N >= 1, not {source.shape}"
         raise ValueError(msg)
     pose, radius = initial.matrix, _RADIUS_SHARE * target.resolution
-    lever = max(float(np.sqrt(np.mean(np.sum((source - source.mean(axis=0)) ** 2, axis=1)))), 1e-3)
+    middle = source.mean(axis=0)
+    lever = max(float(np.sqrt(np.mean(np.sum((source - middle) ** 2, axis=1)))), 1e-3)
     scale = np.array([1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever])
     keep = np.array(unknowns)
-    centre, (score, g, H) = _evaluate(source, target, pose)
+    centre, (score, g, H) = _evaluate(source, target, pose, middle)
     iterations, converged = 1, False
     while iterations < max_iterations and not converged:
         gs, Hs = (g * scale)[keep], (H * np.outer(scale, scale))[np.ix_(keep, keep)]
@@ -109,7 +110,7 @@ def register_ndt(
         xi = np.zeros(6)
         xi[keep] = step
         trial = _motion(xi * scale, centre) @ pose
-        trial_centre, (trial_score, trial_g, trial_H) = _evaluate(source, target, trial)
+        trial_centre, (trial_score, trial_g, trial_H) = _evaluate(source, target, trial, middle)
         iterations += 1
         if on_iteration is not None:
             on_iteration(iterations)
@@ -151,9 +152,8 @@ def rotation_matrix(w: NDArray[np.float64]) -> NDArray[np.float64]:
 
 
 def _evaluate(
-    source: NDArray[np.float64], target: NdtMap, pose: NDArray[np.float64]
+    source: NDArray[np.float64], target: NdtMap, pose: NDArray[np.float64], middle: NDArray[np.float64]
 ) -> tuple[NDArray[np.float64], tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
-    """Return the placed source's mean, and score, gradient and Hessian about it."""
-    placed = source @ pose[:3, :3].T + pose[:3, 3]
-    centre: NDArray[np.float64] = placed.mean(axis=0)
-    return centre, derivatives(placed, target, centre=centre)
+    """Return where the source's middle (3,) is placed, and score, gradient and Hessian about it."""
+    centre = pose[:3, :3] @ middle + pose[:3, 3]
+    return centre, derivatives(source @ pose[:3, :3].T + pose[:3, 3], target, centre=centre)
