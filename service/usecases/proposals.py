@@ -14,7 +14,8 @@ from service.db.proposals import Proposal
 from service.domain.access import Actor
 from service.domain.errors import LayerNotFound, ProposalDecided, ProposalNotFound
 from service.domain.lifecycle import ProposalState, Role
-from service.domain.operations import RemoveLayer
+from service.domain.operations import EraseRegion, Operation, RemoveLayer
+from service.domain.region import Region
 from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.map_states import state_of
@@ -30,7 +31,8 @@ def propose(
     Parameters
     ----------
     gone : sequence of mapping
-        Of each layer its `layer_id`, and the counts that tell that it has gone.
+        Of each layer its `layer_id`, whether the `whole_layer` has gone, and the `things` that have, each
+        with its `region` and the counts that tell so.
     """
     for one in gone:
         if table.find_about(session, placement.id, layer_id=one["layer_id"]) is None:
@@ -68,7 +70,9 @@ def list_proposals(
 
 
 def accept_proposal(kernel: Kernel, session: Session, actor: Actor, *, proposal_id: str) -> Revised:
-    """Return a new revision without the layer: the map's latest, whatever was changed of other things.
+    """Return a new revision without what has gone: the map's latest, regions of the layer erased.
+
+    Where most of the layer has gone, it is removed.
 
     Raises
     ------
@@ -86,7 +90,7 @@ def accept_proposal(kernel: Kernel, session: Session, actor: Actor, *, proposal_
     if latest is None or state_of(session, latest).layer(row.layer_id) is None:
         raise LayerNotFound(f"The layer {row.layer_id} is no longer in the map; dismiss the proposal.")
     told = f"a later scan looked through it (proposal {row.id})"
-    made = change(kernel, session, actor, base=latest, operations=[RemoveLayer(row.layer_id)], reason=told)
+    made = change(kernel, session, actor, base=latest, operations=_steps(kernel, row), reason=told)
     row.revision_n = made.shown.revision.n
     _decide(kernel, session, actor, row, ProposalState.ACCEPTED)
     return made
@@ -107,6 +111,17 @@ def dismiss_proposal(kernel: Kernel, session: Session, actor: Actor, *, proposal
     row = _open(session, actor, proposal_id)
     _decide(kernel, session, actor, row, ProposalState.DISMISSED)
     return row
+
+
+def _steps(kernel: Kernel, row: Proposal) -> list[Operation]:
+    """Return what takes off the things that have gone: regions of the layer, or the layer itself."""
+    if row.evidence.get("whole_layer", True):
+        return [RemoveLayer(row.layer_id)]
+    regions = [Region.from_json(one["region"], "#/region") for one in row.evidence["things"]]
+    return [
+        EraseRegion(kernel.new_id("ers"), region, drawing=False, layer_ids=[row.layer_id])
+        for region in regions
+    ]
 
 
 def _open(session: Session, actor: Actor, proposal_id: str) -> Proposal:

@@ -20,13 +20,16 @@ from service.usecases.record_placement import PlacementResult, record_placement
 from worker.context import JobContext, LayerSource
 from worker.formats.reading import load_walls_and_columns
 from worker.formats.scan import read_upright_scan
-from worker.geometry.cloud.free_space import free_space
+from worker.geometry.cloud.free_space import Sight, things_of
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.registration.place import Placed
 from worker.geometry.registration.place_upright import place_upright_scan
 from worker.geometry.registration.structure import find_viewpoint
 from worker.geometry.registration.target import PlacementTarget
 from worker.geometry.scan.upright import UprightScan
+
+_ALL = 0.8
+"""From this share of its points on, a layer that has gone is taken off whole."""
 
 
 @dataclass(frozen=True)
@@ -68,7 +71,7 @@ def place_scan(context: JobContext) -> None:
     labels = context.folder("placement") / "labels.npy"
     np.save(labels, placed.labels)
     files = {labels.name: context.kernel.blobs.adopt(labels)}
-    gone = _gone(scan, placed.T_map_scan, others)
+    gone = _gone(scan, placed.T_map_scan, others, top=asked.recipe.wall_height_m)
     with context.kernel.db.writing("record-placement") as session:
         record_placement(context.kernel, session, context.attempt, result=_result(placed, gone), files=files)
 
@@ -105,15 +108,22 @@ def _others(context: JobContext, asked: _Asked) -> dict[LayerSource, PlacedLayer
 
 
 def _gone(
-    scan: UprightScan, T_map_scan: Transform, others: Mapping[LayerSource, PlacedLayer]
+    scan: UprightScan, T_map_scan: Transform, others: Mapping[LayerSource, PlacedLayer], *, top: float
 ) -> list[dict[str, Any]]:
-    """Return of each layer that the placed scan looked through what tells so."""
+    """Return the things of each layer that the placed scan looked through: they seem to have gone."""
     kept = scan.scan.points[~scan.outliers]
-    points, eye = T_map_scan.apply(kept), T_map_scan.apply(find_viewpoint(kept)[None])[0]
-    found = [(one, free_space(layer.cloud.points, points, eye=eye)) for one, layer in others.items()]
-    return [
-        {"layer_id": one.layer_id, "name": one.name, **asdict(told)} for one, told in found if told.is_gone
-    ]
+    sight = Sight(T_map_scan.apply(kept), T_map_scan.apply(find_viewpoint(kept)[None])[0])
+    told = []
+    for source, layer in others.items():
+        things = [(thing, sight.of(thing.points)) for thing in things_of(layer.cloud.points, top=top)]
+        gone = [(thing, seen) for thing, seen in things if seen.is_gone]
+        if gone:
+            found = [{"region": thing.region.to_json(), **asdict(seen)} for thing, seen in gone]
+            every = sum(len(thing.points) for thing, _ in gone) >= _ALL * len(layer.cloud)
+            told.append(
+                {"layer_id": source.layer_id, "name": source.name, "whole_layer": every, "things": found}
+            )
+    return told
 
 
 def _target(context: JobContext, asked: _Asked, others: Sequence[PlacedLayer]) -> PlacementTarget:

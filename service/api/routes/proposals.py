@@ -42,7 +42,7 @@ def list_proposals(
 def accept_proposal(
     kernel: KernelDep, actor: TabletActor, once: Once, base_url: BaseUrl, proposal_id: ProposalId
 ) -> Response:
-    """Take the layer off: a new revision without it. Needs a tablet or admin key."""
+    """Take off what has gone: a new revision without it. Needs a tablet or admin key."""
 
     def act(session: Session) -> Answered:
         made = proposals.accept_proposal(kernel, session, actor, proposal_id=proposal_id)

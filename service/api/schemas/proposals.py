@@ -11,7 +11,7 @@ from service.domain.lifecycle import ProposalState
 
 
 class ProposalOut(Output):
-    """A layer that a placed scan looked through: it seems to have gone."""
+    """Things of a layer that a placed scan looked through: they seem to have gone."""
 
     id: str
     map_id: str
@@ -19,7 +19,8 @@ class ProposalOut(Output):
     layer_id: str
     state: ProposalState
     evidence: JsonObject = Field(
-        description="Of the layer's points: how many were asked about, still seen, and looked through."
+        description="What has gone, thing by thing: its region, and how many of its points were asked about, "
+        "still seen, and looked through."
     )
     revision_n: int | None = Field(description="The revision that took it off, once accepted.")
     created_at: datetime

@@ -2,19 +2,41 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.ndimage import minimum_filter
-from scipy.spatial import cKDTree
+from scipy.ndimage import label, minimum_filter
+from scipy.spatial import ConvexHull, QhullError, cKDTree
+
+from service.domain.region import Region
 
 _BIN_RAD = np.radians(1.0)
-_BEHIND_M = 0.3
-_SAME_M = 0.15
-_MOST_POINTS = 20_000
+_ROWS, _COLUMNS = 181, 360
+_BEHIND_M, _SAME_M = 0.3, 0.15
+_CELL_M, _MOST_CELLS = 0.25, 2e7
+_FLOOR_M = 0.15
 _FEWEST = 50
 _GONE_OF_SEEN, _GONE_OF_ALL = 0.8, 0.3
+_BEYOND_M = 0.1
+
+
+@dataclass(frozen=True, eq=False)
+class MappedThing:
+    """Hold one thing that a layer shows: points that touch one another, and where it stands.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 3), float64
+        In frame `map` [m].
+    region : Region
+        Around it, 10 cm wider; down to the floor where it stands on it.
+    """
+
+    points: NDArray[np.float64]
+    region: Region
 
 
 @dataclass(frozen=True)
@@ -43,10 +65,9 @@ class FreeSpace:
         return enough and self.looked_through >= _GONE_OF_SEEN * told
 
 
-def free_space(
-    thing: NDArray[np.float64], scan: NDArray[np.float64], *, eye: NDArray[np.float64]
-) -> FreeSpace:
-    """Return what a scan tells of a thing that was mapped before.
+@dataclass(frozen=True, eq=False)
+class Sight:
+    """Hold what a placed scan saw, and from where.
 
     The nearest range in each direction decides, over a cone of three by three degrees: what is seen past the
     edge of something says nothing. A scan taken on a walk is looked at from one place only; what it saw
@@ -54,32 +75,77 @@ def free_space(
 
     Parameters
     ----------
-    thing : ndarray of shape (N, 3), float64
-        The mapped points, in frame `map` [m].
-    scan : ndarray of shape (M, 3), float64
-        The placed scan, in frame `map` [m].
+    points : ndarray of shape (M, 3), float64
+        The scan, in frame `map` [m].
     eye : ndarray of shape (3,), float64
-        From where the scan was taken, in frame `map` [m].
+        From where it was taken, in frame `map` [m].
     """
-    if not len(thing) or not len(scan):
-        return FreeSpace(len(thing), 0, 0)
-    asked = thing[:: max(1, len(thing) // _MOST_POINTS)]
-    seen = np.asarray(cKDTree(scan).query(asked, distance_upper_bound=_SAME_M)[0]) < _SAME_M
-    nearest = _nearest_ranges(scan - eye)
-    row, column, distance = _direction(asked - eye)
-    past = nearest[row, column]
-    through = np.isfinite(past) & (past > distance + _BEHIND_M) & ~seen
-    return FreeSpace(len(asked), int(seen.sum()), int(through.sum()))
+
+    points: NDArray[np.float64]
+    eye: NDArray[np.float64]
+
+    @cached_property
+    def _tree(self) -> cKDTree:
+        return cKDTree(self.points)
+
+    @cached_property
+    def _nearest(self) -> NDArray[np.float64]:
+        """Return the nearest range [m] around each direction; infinite where nothing was seen."""
+        ranges = np.full((_ROWS, _COLUMNS), np.inf)
+        row, column, distance = _direction(self.points - self.eye)
+        np.minimum.at(ranges, (row, column), distance)
+        around: NDArray[np.float64] = minimum_filter(ranges, size=3, mode=("nearest", "wrap"))
+        return np.where(np.isfinite(ranges), around, np.inf)
+
+    def of(self, points: NDArray[np.float64]) -> FreeSpace:
+        """Return what the scan tells of (N, 3) points of a mapped thing, in frame `map` [m]."""
+        near = np.asarray(self._tree.query(points, distance_upper_bound=_SAME_M)[0]) < _SAME_M
+        row, column, distance = _direction(points - self.eye)
+        past = self._nearest[row, column]
+        through = np.isfinite(past) & (past > distance + _BEHIND_M) & ~near
+        return FreeSpace(len(points), int(near.sum()), int(through.sum()))
 
 
-def _nearest_ranges(rays: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Return the nearest range [m] around each direction; infinite where nothing was seen."""
-    rows, columns = int(np.ceil(np.pi / _BIN_RAD)) + 1, int(np.ceil(2 * np.pi / _BIN_RAD))
-    ranges = np.full((rows, columns), np.inf)
-    row, column, distance = _direction(rays)
-    np.minimum.at(ranges, (row, column), distance)
-    around: NDArray[np.float64] = minimum_filter(ranges, size=3, mode=("nearest", "wrap"))
-    return np.where(np.isfinite(ranges), around, np.inf)
+def things_of(points: NDArray[np.float64], *, top: float) -> Iterator[MappedThing]:
+    """Give the things that a layer's points show: what touches at 25 cm, between floor and ceiling.
+
+    Parameters
+    ----------
+    points : ndarray of shape (N, 3), float64
+        The layer, in frame `map` [m].
+    top : float
+        The walls' height [m].
+    """
+    upright = points[(points[:, 2] > _FLOOR_M) & (points[:, 2] < top - _FLOOR_M)]
+    if not len(upright):
+        return
+    cell = np.floor((upright - upright.min(axis=0)) / _CELL_M).astype(np.intp)
+    shape = tuple(cell.max(axis=0) + 1)
+    if np.prod(np.array(shape, dtype=np.float64)) > _MOST_CELLS:
+        return
+    filled = np.zeros(shape, dtype=np.bool_)
+    filled[tuple(cell.T)] = True
+    groups, count = label(filled, structure=np.ones((3, 3, 3)))
+    mine = groups[tuple(cell.T)]
+    for number in range(1, count + 1):
+        thing = upright[mine == number]
+        if len(thing) >= _FEWEST and (region := _around(thing)) is not None:
+            yield MappedThing(thing, region)
+
+
+def _around(thing: NDArray[np.float64]) -> Region | None:
+    """Return the region of a thing: its hull from above, 10 cm wider; None if it has no width at all."""
+    try:
+        hull = ConvexHull(thing[:, :2])
+    except QhullError:
+        return None
+    corners = thing[hull.vertices, :2]
+    outward = corners - corners.mean(axis=0)
+    wider = corners + outward / np.linalg.norm(outward, axis=1)[:, None] * _BEYOND_M
+    low, high = float(thing[:, 2].min()), float(thing[:, 2].max())
+    within = tuple((round(float(x), 3), round(float(y), 3)) for x, y in wider)
+    stands = low < 2 * _FLOOR_M
+    return Region(within, None if stands else round(low - _BEYOND_M, 3), round(high + _BEYOND_M, 3))
 
 
 def _direction(
@@ -87,9 +153,7 @@ def _direction(
 ) -> tuple[NDArray[np.intp], NDArray[np.intp], NDArray[np.float64]]:
     """Return each ray's elevation row, azimuth column and length [m]."""
     distance = np.linalg.norm(rays, axis=1)
-    safe = np.maximum(distance, 1e-9)
-    elevation = np.arccos(np.clip(rays[:, 2] / safe, -1.0, 1.0))
+    elevation = np.arccos(np.clip(rays[:, 2] / np.maximum(distance, 1e-9), -1.0, 1.0))
     azimuth = np.arctan2(rays[:, 1], rays[:, 0]) % (2 * np.pi)
-    columns = int(np.ceil(2 * np.pi / _BIN_RAD))
-    row = (elevation / _BIN_RAD).astype(np.intp)
-    return row, np.minimum((azimuth / _BIN_RAD).astype(np.intp), columns - 1), distance
+    column = np.minimum((azimuth / _BIN_RAD).astype(np.intp), _COLUMNS - 1)
+    return (elevation / _BIN_RAD).astype(np.intp), column, distance
