@@ -132,7 +132,11 @@ async def _sweep_for_ever(kernel: Kernel, pieces: PieceStore, settings: Settings
     while True:
         try:
             swept = await run_in_threadpool(
-                sweep_storage, kernel, pieces, idempotency_expiry_s=settings.idempotency_expiry_s
+                sweep_storage,
+                kernel,
+                pieces,
+                idempotency_expiry_s=settings.idempotency_expiry_s,
+                keep_revisions=settings.keep_revisions,
             )
             log.info("swept", **asdict(swept))
         except (DomainError, OSError, SQLAlchemyError) as error:

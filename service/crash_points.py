@@ -40,6 +40,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "finish-upload",
         "terminate-upload",
         "sweep-uploads",
+        "prune-revisions",
         # worker
         "claim-job",
         "beat-job",

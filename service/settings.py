@@ -40,6 +40,13 @@ class Settings(BaseSettings):
         24 * 3600.0, gt=0, description="Seconds for which an Idempotency-Key is remembered."
     )
 
+    keep_revisions: int = Field(
+        0,
+        ge=0,
+        description="How many ready revisions of a map keep their files, beside those that a channel or a "
+        "robot needs; 0 keeps all. What they are made of is always kept.",
+    )
+
     lease_s: float = Field(
         8.0, gt=0, description="Seconds after its last beat until a worker counts as lost."
     )

@@ -8,6 +8,7 @@ from service.db.blobs import is_recorded
 from service.storage.pieces import PieceStore
 from service.usecases.answer import forget_answers
 from service.usecases.kernel import Kernel
+from service.usecases.prune_revisions import prune_revisions
 from service.usecases.resumable_upload import sweep_uploads
 
 
@@ -15,17 +16,20 @@ from service.usecases.resumable_upload import sweep_uploads
 class Swept:
     """Hold how many things of each kind were removed."""
 
+    revisions: int
     staged_files: int
     orphan_blobs: int
     uploads: int
 
 
-def sweep_storage(kernel: Kernel, pieces: PieceStore, *, idempotency_expiry_s: float) -> Swept:
+def sweep_storage(
+    kernel: Kernel, pieces: PieceStore, *, idempotency_expiry_s: float, keep_revisions: int = 0
+) -> Swept:
     """Return what was removed: staged files of dead processes, blobs without a row, dead uploads.
 
     Safe at any time and in any number of processes at once: a blob without a row is an orphan only when
     it is more than an hour old, since bytes come first and rows second. Answers that no repeated request
-    can ask for any more are forgotten too.
+    can ask for any more are forgotten too, and old revisions let their files go as `prune_revisions` has it.
     """
     now_s = kernel.now().timestamp()
 
@@ -35,6 +39,7 @@ def sweep_storage(kernel: Kernel, pieces: PieceStore, *, idempotency_expiry_s: f
 
     forget_answers(kernel, older_than_s=idempotency_expiry_s)
     return Swept(
+        revisions=prune_revisions(kernel, keep=keep_revisions),
         staged_files=len(kernel.blobs.sweep_staged(now_s=now_s)),
         orphan_blobs=len(kernel.blobs.sweep_orphans(is_known, now_s=now_s)),
         uploads=len(sweep_uploads(kernel, pieces)),
