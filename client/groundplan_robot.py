@@ -158,14 +158,16 @@ class Folder:
 
 
 class Robot:
-    """Follow one channel of one map.
+    """Follow one map.
 
     Parameters
     ----------
     service, folder
         Where maps come from, and where they go.
-    map_id, channel : str
+    map_id : str
         What is followed.
+    channel : str, optional
+        By default the one that the service has for the key's robot.
     robot_id : str, optional
         Under which to report; without it nothing is reported.
     also : sequence of str
@@ -180,7 +182,7 @@ class Robot:
         folder: Folder,
         *,
         map_id: str,
-        channel: str = "stable",
+        channel: str | None = None,
         robot_id: str | None = None,
         also: Iterable[str] = (),
         ways: Iterable[str] = WAYS,
@@ -203,7 +205,9 @@ class Robot:
         """
         self.send_reports()
         state = self.folder.state()
-        where = f"/v1/maps/{self.map_id}/published?channel={self.channel}"
+        where = f"/v1/maps/{self.map_id}/published"
+        if self.channel is not None:
+            where += f"?channel={self.channel}"
         etag = state.get("etag")
         known = {"If-None-Match": etag} if etag and self.folder.current.exists() else {}
         status, told, etag = self.service.json(where, known)
@@ -494,7 +498,7 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--map", required=True, help="id of the map to follow")
     parser.add_argument("--folder", required=True, type=Path, help="where maps are kept")
     parser.add_argument("--robot", help="id under which to report")
-    parser.add_argument("--channel", default="stable")
+    parser.add_argument("--channel", help="follow this one, not that which the service has for the robot")
     parser.add_argument("--key-file", type=Path, help="file with the key; else GROUNDPLAN_KEY")
     parser.add_argument("--also", action="append", default=[], metavar="PATH", help="a further file to have")
     parser.add_argument("--ways", default=",".join(WAYS), help="how the cloud may be fetched, in order")

@@ -40,6 +40,7 @@ from service.api.routes import (
     published,
     revisions,
     robots,
+    rollouts,
     scans,
     tus,
 )
@@ -51,6 +52,7 @@ from service.domain.errors import DomainError
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
+from service.usecases.advance_rollouts import advance_rollouts
 from service.usecases.kernel import Kernel
 from service.usecases.stats import job_figures
 from service.usecases.sweep_storage import sweep_storage
@@ -66,6 +68,7 @@ _ROUTERS = (
     proposals.router,
     audit.router,
     robots.router,
+    rollouts.router,
     fleet_events.router,
     placements.router,
     tus.router,
@@ -77,6 +80,7 @@ _ROUTERS = (
 
 
 _SWEEP_EVERY_S = 600.0
+_ADVANCE_EVERY_S = 0.5
 
 
 class Application(FastAPI):
@@ -144,6 +148,17 @@ async def _sweep_for_ever(kernel: Kernel, pieces: PieceStore, settings: Settings
         await asyncio.sleep(_SWEEP_EVERY_S)
 
 
+async def _advance_for_ever(kernel: Kernel) -> None:
+    """Let roll-outs go on; what fails once may succeed the next time."""
+    log = structlog.get_logger("service.rollouts")
+    while True:
+        try:
+            await run_in_threadpool(advance_rollouts, kernel)
+        except (DomainError, SQLAlchemyError) as error:
+            log.warning("advance-failed", cause=repr(error))
+        await asyncio.sleep(_ADVANCE_EVERY_S)
+
+
 def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     """Return the HTTP application on the database and the folder that the settings name.
 
@@ -167,10 +182,14 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
-        sweeping = asyncio.create_task(_sweep_for_ever(kernel, app.state.pieces, settings))
+        tasks = [
+            asyncio.create_task(_sweep_for_ever(kernel, app.state.pieces, settings)),
+            asyncio.create_task(_advance_for_ever(kernel)),
+        ]
         yield
         app.state.stopping.set()
-        sweeping.cancel()
+        for task in tasks:
+            task.cancel()
         if own:
             kernel.db.close()
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 import asyncio
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import datetime
 from typing import Generic, TypeVar
 
@@ -14,7 +14,8 @@ from starlette.concurrency import run_in_threadpool
 from service.domain.access import Actor
 from service.usecases.kernel import Kernel
 from service.usecases.keys import secret_digest
-from service.usecases.polling import Place, Polled, still_valid, tags
+from service.usecases.polling import Follower, Place, Polled, place_of, still_valid, tag_at, tags
+from service.usecases.publish import pointer_tag
 
 K = TypeVar("K")
 V = TypeVar("V")
@@ -27,10 +28,11 @@ _BATCH = 1_000
 
 @dataclass(frozen=True)
 class _Holder:
-    """Hold who has a key and until when it is valid."""
+    """Hold who has a key, until when it is valid, and what its robot follows."""
 
     actor: Actor
     expires_at: datetime | None
+    follower: Follower | None
 
 
 @dataclass
@@ -83,26 +85,36 @@ class Polling:
         self._now = _Snapshot()
         self._refreshing: asyncio.Task[None] | None = None
 
-    async def tag(self, secret: str | None, place: Place) -> str | None:
-        """Return the tag of a channel's pointer, or None when that has to be asked of the database."""
+    async def tag(self, secret: str | None, map_id: str, channel: str | None) -> str | None:
+        """Return the tag of what the key's holder should have, or None where the database has to be asked.
+
+        Parameters
+        ----------
+        channel : str, optional
+            By default the one that the robot follows.
+        """
         if secret is None:
             return None
         for _ in range(2):  # a reading that had begun before may not tell of a write since
             if not self._is_fresh():
                 await self._refresh()
-        holder, tag = self._now.holders.get(secret_digest(secret)), self._now.tags.get(place)
-        if holder is None or tag is None or not holder.value.actor.covers(place[0]):
+        holder = self._now.holders.get(secret_digest(secret))
+        if holder is None or not holder.value.actor.covers(map_id):
+            return None
+        place = place_of(map_id, channel, holder.value.follower)
+        tag = self._now.tags.get(place)
+        if tag is None:
             return None
         if holder.value.expires_at is not None and holder.value.expires_at <= self._kernel.now():
             return None
         holder.asked_at = tag.asked_at = self._clock()
-        return tag.value
+        return tag_at(place, tag.value, holder.value.follower)
 
     def token(self) -> object:
         """Return what `remember` needs of the time before its rows were read."""
         return self._now, self._kernel.db.writes
 
-    def remember(self, token: object, secret: str, place: Place, found: Polled) -> None:
+    def remember(self, token: object, secret: str, found: Polled) -> None:
         """Keep what was read since the token, if nothing was written or read anew in between.
 
         To be called in the event loop, as `tag` is.
@@ -110,9 +122,10 @@ class Polling:
         if token != self.token():
             return
         now = self._clock()
-        holder = _Holder(found.actor, found.expires_at)
+        holder = _Holder(found.actor, found.expires_at, found.follower)
         self._keep(self._now.holders, secret_digest(secret), _Entry(holder, now))
-        self._keep(self._now.tags, place, _Entry(found.tag, now))
+        place = found.pointer.map_id, found.pointer.name
+        self._keep(self._now.tags, place, _Entry(pointer_tag(found.pointer), now))
 
     def _keep(self, entries: dict[K, _Entry[V]], key: K, entry: _Entry[V]) -> None:
         if key not in entries and len(entries) >= self._capacity:
@@ -140,7 +153,10 @@ class Polling:
         fresh = _Snapshot(read_at=now, writes=self._kernel.db.writes)
         holders, places = _asked(old.holders, now), _asked(old.tags, now)
         valid, current = await run_in_threadpool(self._rows, list(holders), list(places))
-        fresh.holders = {digest: entry for digest, entry in holders.items() if digest in valid}
+        for digest, follower in valid.items():
+            entry = fresh.holders[digest] = holders[digest]
+            if entry.value.follower != follower:
+                entry.value = replace(entry.value, follower=follower)
         fresh.tags = {
             place: _Entry(current[place], entry.asked_at)
             for place, entry in places.items()
@@ -148,8 +164,10 @@ class Polling:
         }
         self._now = fresh
 
-    def _rows(self, digests: list[str], places: list[Place]) -> tuple[set[str], dict[Place, str]]:
-        valid: set[str] = set()
+    def _rows(
+        self, digests: list[str], places: list[Place]
+    ) -> tuple[dict[str, Follower | None], dict[Place, str]]:
+        valid: dict[str, Follower | None] = {}
         current: dict[Place, str] = {}
         if digests or places:
             with self._kernel.db.reading() as session:

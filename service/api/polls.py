@@ -11,7 +11,6 @@ from service.api.conditions import none_match
 from service.api.edge import request_id_of
 from service.api.metrics import Metrics
 from service.api.polling import Polling
-from service.usecases.polling import Place
 
 ROUTE = "/v1/maps/{map_id}/published"
 POINTER_CACHING = "private, no-cache"
@@ -44,8 +43,8 @@ class Polls:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Answer one request."""
-        place = _place(scope)
-        if place is None:
+        asked = _asked(scope)
+        if asked is None:
             await self.app(scope, receive, send)
             return
         begun = time.perf_counter()
@@ -53,7 +52,7 @@ class Polls:
         held, presented = headers.get(b"if-none-match"), _BEARER.fullmatch(headers.get(b"authorization", b""))
         tag = None
         if held is not None and presented is not None:
-            tag = await self.polling.tag(presented[1].decode("ascii"), place)
+            tag = await self.polling.tag(presented[1].decode("ascii"), *asked)
         if held is None or tag is None or none_match(held.decode("latin-1"), tag):
             await self.app(scope, receive, send)
             return
@@ -67,11 +66,11 @@ class Polls:
         self.metrics.count(scope["method"], ROUTE, status=304, seconds=time.perf_counter() - begun)
 
 
-def _place(scope: Scope) -> Place | None:
-    """Return which pointer the request asks for, or None when it is no plain poll."""
+def _asked(scope: Scope) -> tuple[str, str | None] | None:
+    """Return the map and the channel that the request asks for, or None when it is no plain poll."""
     if scope["type"] != "http" or scope["method"] not in {"GET", "HEAD"}:
         return None
     path, query = _PATH.fullmatch(scope["path"]), _QUERY.fullmatch(scope["query_string"])
     if path is None or query is None:
         return None
-    return path[1], (query[1] or b"stable").decode("ascii")
+    return path[1], None if query[1] is None else query[1].decode("ascii")

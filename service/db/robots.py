@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Collection, Sequence
+from dataclasses import dataclass
 from datetime import datetime
 
 from sqlalchemy import (
@@ -14,6 +15,7 @@ from sqlalchemy import (
     String,
     Text,
     and_,
+    func,
     or_,
     select,
 )
@@ -26,12 +28,18 @@ _STATES = f"IN ({', '.join(repr(str(state)) for state in RobotState)})"
 
 
 class Robot(Base):
-    """An enrolled device, the channel that it follows, and its latest report; `enabled_n` is what it runs."""
+    """An enrolled device, the channel that it follows, and its latest report; `enabled_n` is what it runs.
+
+    `assigned_n` is what a roll-out gives it; null: what its channel points to. `manufacturer` and
+    `serial_number` name it on an MQTT broker, where it speaks VDA 5050.
+    """
 
     __tablename__ = "robots"
     __table_args__ = (
         CheckConstraint(f"state {_STATES}", name="state"),
         Index(None, "map_id", "id"),
+        Index(None, "map_id", "channel", "assigned_n"),
+        Index(None, "manufacturer", "serial_number", unique=True),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -46,6 +54,9 @@ class Robot(Base):
     reported_n: Mapped[int | None]
     reported_at: Mapped[datetime | None]
     detail: Mapped[str | None] = mapped_column(Text)
+    assigned_n: Mapped[int | None]
+    manufacturer: Mapped[str | None] = mapped_column(String(100))
+    serial_number: Mapped[str | None] = mapped_column(String(100))
 
 
 class RobotReport(Base):
@@ -63,49 +74,72 @@ class RobotReport(Base):
     at: Mapped[datetime]
 
 
-def find_robot(session: Session, robot_id: str, *, lock: bool = False) -> Robot | None:
-    """Return the robot with this id, or None; with `lock` no other transaction changes it meanwhile."""
-    return session.get(Robot, robot_id, with_for_update=True if lock else None)
+_WANTED = func.coalesce(Robot.assigned_n, Channel.revision_n)
 
 
-def list_robots(
-    session: Session,
-    *,
-    covered: Collection[str] | None,
-    map_id: str | None,
-    channel: str | None,
-    group: str | None,
-    behind: bool | None,
-    after: str | None,
-    limit: int,
-) -> Sequence[tuple[Robot, int | None]]:
-    """Return up to `limit` robots in the order of their enrolment, each with the revision it should have.
+@dataclass(frozen=True)
+class RobotFilter:
+    """Hold which robots are asked for; None asks for all.
 
     Parameters
     ----------
     covered : collection of str, optional
         Only robots of these maps.
     behind : bool, optional
-        Only robots that do not run what their channel points to, or only those that do. A robot of a
-        channel on which nothing is published is not behind.
+        Only robots that do not run what they should, or only those that do. A robot of a channel on which
+        nothing is published is not behind.
+    assigned : bool
+        Only robots that have their revision from a roll-out.
+    """
+
+    covered: Collection[str] | None = None
+    map_id: str | None = None
+    channel: str | None = None
+    group_name: str | None = None
+    behind: bool | None = None
+    assigned: bool = False
+
+
+def find_robot(session: Session, robot_id: str, *, lock: bool = False) -> Robot | None:
+    """Return the robot with this id, or None; with `lock` no other transaction changes it meanwhile."""
+    return session.get(Robot, robot_id, with_for_update=True if lock else None)
+
+
+def find_robot_of_key(session: Session, key_id: str) -> Robot | None:
+    """Return the robot whose own key this is, or None."""
+    return session.scalars(select(Robot).where(Robot.key_id == key_id)).one_or_none()
+
+
+def list_robots(
+    session: Session, wanted: RobotFilter, *, after: str | None, limit: int
+) -> Sequence[tuple[Robot, int | None]]:
+    """Return up to `limit` robots in the order of their enrolment, each with the revision it should have.
+
+    Parameters
+    ----------
     after : str, optional
         From behind the robot with this id.
     """
     query = _with_pointer().order_by(Robot.id).limit(limit)
-    for column, value in ((Robot.map_id, map_id), (Robot.channel, channel), (Robot.group_name, group)):
+    for name in ("map_id", "channel", "group_name"):
+        value = getattr(wanted, name)
         if value is not None:
-            query = query.where(column == value)
-    if covered is not None:
-        query = query.where(Robot.map_id.in_(covered))
-    if behind is not None:
-        query = query.where(_is_behind() if behind else ~_is_behind())
+            query = query.where(getattr(Robot, name) == value)
+    if wanted.covered is not None:
+        query = query.where(Robot.map_id.in_(wanted.covered))
+    if wanted.assigned:
+        query = query.where(Robot.assigned_n.is_not(None))
+    if wanted.behind is not None:
+        query = query.where(_is_behind() if wanted.behind else ~_is_behind())
     if after is not None:
         query = query.where(Robot.id > after)
     return [(row[0], row[1]) for row in session.execute(query)]
 
 
 def wanted_revision(session: Session, robot: Robot) -> int | None:
-    """Return the revision that the robot's channel points to, or None."""
+    """Return the revision that a roll-out gives the robot, or that its channel points to, or None."""
+    if robot.assigned_n is not None:
+        return robot.assigned_n
     pointer = session.get(Channel, (robot.map_id, robot.channel))
     return None if pointer is None else pointer.revision_n
 
@@ -120,9 +154,9 @@ def list_reports(session: Session, robot_id: str, *, below: str | None, limit: i
 
 def _with_pointer() -> Select[Robot, int]:
     same = and_(Channel.map_id == Robot.map_id, Channel.name == Robot.channel)
-    return select(Robot, Channel.revision_n).outerjoin(Channel, same)
+    return select(Robot, _WANTED).outerjoin(Channel, same)
 
 
 def _is_behind() -> ColumnElement[bool]:
-    runs_another = or_(Robot.enabled_n.is_(None), Robot.enabled_n != Channel.revision_n)
-    return and_(Channel.revision_n.is_not(None), runs_another)
+    runs_another = or_(Robot.enabled_n.is_(None), Robot.enabled_n != _WANTED)
+    return and_(_WANTED.is_not(None), runs_another)

@@ -161,6 +161,12 @@ class RobotNotFound(NotFound):
     title = "No such robot"
 
 
+class RolloutNotFound(NotFound):
+    """No roll-out with this id exists, or the key does not cover its map."""
+
+    title = "No such roll-out"
+
+
 class JobNotFound(NotFound):
     """No job with this id exists, or the key does not cover its map."""
 
@@ -306,6 +312,21 @@ class PointerMoved(Conflict):
     """
 
     title = "The published revision has changed"
+
+
+class RolloutUnderWay(Conflict):
+    """The channel has a roll-out that has not ended: until then it decides what the robots have.
+
+    `rollout_id` names it. Wait for its end, or end it by `POST /v1/rollouts/{id}/abort`.
+    """
+
+    title = "A roll-out is under way"
+
+
+class RolloutNotInState(Conflict):
+    """The roll-out's present `state` does not allow this: one that has ended stays as it is."""
+
+    title = "The roll-out's state does not allow this"
 
 
 class JobNotCancellable(Conflict):

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from sqlalchemy.orm import Session
 
@@ -19,13 +20,15 @@ from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
 from service.usecases.revisions import ready_revision
+from service.usecases.rollout_members import refuse_under_way
 
 
 @dataclass(frozen=True)
 class Published:
-    """Hold a channel's pointer and the files of the revision that it points to."""
+    """Hold a channel's pointer, a revision that is had from there, and the files of this revision."""
 
     pointer: Channel
+    n: int
     artifacts: Sequence[Artifact]
 
 
@@ -85,12 +88,15 @@ def publish(
         If something stands against it, and nobody overrides that.
     RevisionPruned
         If its files were let go.
+    RolloutUnderWay
+        If the channel has a roll-out that has not ended.
     PointerMoved
         If `holds` says that the pointer is not where the caller saw it.
     """
     actor.require_role(Role.ADMIN)
     covered_map(session, actor, map_id=map_id, lock=True)
     revision = ready_revision(session, actor, map_id=map_id, n=n)
+    refuse_under_way(session, map_id, channel=channel)
     pointer = table.find_channel(session, map_id, channel=channel)
     if holds is not None and not holds(None if pointer is None else pointer_tag(pointer)):
         raise PointerMoved(
@@ -98,19 +104,14 @@ def publish(
             revision=None if pointer is None else pointer.revision_n,
         )
     if pointer is None or pointer.revision_n != n:
-        gates = _gates(session, revision, channel=channel)
-        if gates and (said is None or said.override is None):
-            told = " ".join(gate.message for gate in gates)
-            raise GatesClosed(
-                f"Revision {n} is not published: {told} Settle it, or publish with an override.",
-                gates=[gate.to_json() for gate in gates],
-            )
+        override = None if said is None else said.override
+        gates = pass_gates(session, revision, channel=channel, override=override)
         move = _move(kernel, actor, pointer, map_id, channel, n)
-        move.reason = None if said is None else said.override or said.reason
-        move.overridden = [gate.to_json() for gate in gates] or None
+        move.reason = None if said is None else override or said.reason
+        move.overridden = gates or None
         pointer = table.move_pointer(session, pointer, move)
         _record(kernel, session, actor, move)
-    return Published(pointer, table.list_artifacts(session, revision.id))
+    return Published(pointer, n, table.list_artifacts(session, revision.id))
 
 
 def published_pointer(session: Session, actor: Actor, *, map_id: str, channel: str) -> Channel:
@@ -130,11 +131,11 @@ def published_pointer(session: Session, actor: Actor, *, map_id: str, channel: s
     return pointer
 
 
-def published(session: Session, pointer: Channel) -> Published:
-    """Return the pointer with the files of its revision."""
-    revision = table.find_revision(session, pointer.map_id, n=pointer.revision_n)
+def published(session: Session, pointer: Channel, *, n: int) -> Published:
+    """Return the pointer with the files of revision `n`: its own, or what a roll-out gives a robot."""
+    revision = table.find_revision(session, pointer.map_id, n=n)
     assert revision is not None
-    return Published(pointer, table.list_artifacts(session, revision.id))
+    return Published(pointer, n, table.list_artifacts(session, revision.id))
 
 
 def list_publications(
@@ -172,6 +173,31 @@ def show_gates(session: Session, actor: Actor, *, map_id: str, n: int, channel: 
         As `ready_revision`.
     """
     return _gates(session, ready_revision(session, actor, map_id=map_id, n=n), channel=channel)
+
+
+def pass_gates(
+    session: Session, revision: Revision, *, channel: str, override: str | None
+) -> list[dict[str, Any]]:
+    """Return the closed gates that `override` passes, as JSON objects; none where all are open.
+
+    Parameters
+    ----------
+    override : str, optional
+        Why the revision goes out although gates are closed.
+
+    Raises
+    ------
+    GatesClosed
+        If something stands against it, and nobody overrides that.
+    """
+    gates = _gates(session, revision, channel=channel)
+    if gates and override is None:
+        told = " ".join(gate.message for gate in gates)
+        raise GatesClosed(
+            f"Revision {revision.n} does not go out: {told} Settle it, or ask for it with an override.",
+            gates=[gate.to_json() for gate in gates],
+        )
+    return [gate.to_json() for gate in gates]
 
 
 def _gates(session: Session, revision: Revision, *, channel: str) -> list[Gate]:

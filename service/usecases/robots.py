@@ -3,13 +3,13 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from enum import StrEnum
 
 from sqlalchemy.orm import Session
 
 from service.db import robots as table
-from service.db.robots import Robot, RobotReport
+from service.db.robots import Robot, RobotFilter, RobotReport
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RobotNotFound
 from service.domain.lifecycle import RobotState, Role
@@ -17,6 +17,7 @@ from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.keys import NewKey, create_key
 from service.usecases.maps import covered_map
+from service.usecases.rollout_members import place_robot
 
 _STAFF = (Role.TABLET, Role.ADMIN)
 
@@ -105,6 +106,7 @@ def enrol_robot(
         created_at=kernel.now(),
     )
     session.add(robot)
+    place_robot(session, robot)
     session.flush()
     after = {"name": name, "channel": channel, "group": group, "key_id": key.key.id}
     record(kernel, session, actor, action="enrol-robot", subject_id=robot.id, map_id=map_id, after=after)
@@ -129,6 +131,8 @@ def change_robot(
     before = {name: getattr(robot, column) for name, column in columns.items()}
     for name, value in changes.items():
         setattr(robot, columns[name], value)
+    if changes.keys() & {"channel", "group"}:
+        place_robot(session, robot)
     session.flush()
     record(
         kernel,
@@ -201,27 +205,10 @@ def show_robot(session: Session, actor: Actor, *, robot_id: str) -> Followed:
 
 
 def list_robots(
-    session: Session,
-    actor: Actor,
-    *,
-    map_id: str | None,
-    channel: str | None,
-    group: str | None,
-    behind: bool | None,
-    after: str | None,
-    limit: int,
+    session: Session, actor: Actor, wanted: RobotFilter, *, after: str | None, limit: int
 ) -> list[Followed]:
     """Return up to `limit` robots of the maps that the key covers, in the order of their enrolment."""
-    rows = table.list_robots(
-        session,
-        covered=actor.map_ids,
-        map_id=map_id,
-        channel=channel,
-        group=group,
-        behind=behind,
-        after=after,
-        limit=limit,
-    )
+    rows = table.list_robots(session, replace(wanted, covered=actor.map_ids), after=after, limit=limit)
     return [Followed(robot, wanted_n) for robot, wanted_n in rows]
 
 

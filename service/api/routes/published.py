@@ -1,4 +1,4 @@
-"""What a robot polls: the revision that its channel points to."""
+"""What a robot polls: the revision that it should run."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from service.api.polls import POINTER_CACHING
 from service.api.problems import base_url_of
 from service.api.schemas.revisions import Channel, PublishedOut
 from service.usecases.kernel import Kernel
-from service.usecases.polling import Place, Polled, poll
+from service.usecases.polling import Polled, poll
 from service.usecases.publish import published
 
 router = APIRouter(prefix="/v1/maps/{map_id}", tags=["revisions"])
@@ -32,31 +32,36 @@ async def get_published(
     presented: Presented,
     map_id: MapId,
     *,
-    channel: Annotated[Channel, Query(description="The channel that this robot follows.")] = "stable",
+    channel: Annotated[
+        Channel | None,
+        Query(description="By default the one that the robot follows, for its own key; else `stable`."),
+    ] = None,
     if_none_match: Annotated[
         str | None, Header(description="ETag of the last answer: then 304 says that nothing has changed.")
     ] = None,
 ) -> Response:
-    """Tell which revision a robot should run, with its files. Made to be polled: send `If-None-Match`."""
+    """Tell which revision a robot should run, with its files. Made to be polled: send `If-None-Match`.
+
+    That is what the channel points to, or what a roll-out gives the robot whose own key asks.
+    """
     polling: Polling = request.app.state.polling
     secret = None if presented is None else presented.credentials
-    place = (map_id, channel)
     token = polling.token()
-    found, answer = await run_in_threadpool(_from_database, request, secret, place, if_none_match)
+    found, answer = await run_in_threadpool(_from_database, request, secret, (map_id, channel), if_none_match)
     assert secret is not None
-    polling.remember(token, secret, place, found)
+    polling.remember(token, secret, found)
     return answer
 
 
 def _from_database(
-    request: Request, secret: str | None, place: Place, if_none_match: str | None
+    request: Request, secret: str | None, place: tuple[str, str | None], if_none_match: str | None
 ) -> tuple[Polled, Response]:
     kernel: Kernel = request.app.state.kernel
     with kernel.db.reading() as session:
-        found = poll(session, secret, place=place, now=kernel.now())
+        found = poll(session, secret, map_id=place[0], channel=place[1], now=kernel.now())
         if not none_match(if_none_match, found.tag):
             return found, Response(status_code=304, headers=_headers(found.tag))
-        told = PublishedOut.of(published(session, found.pointer), base_url=base_url_of(request))
+        told = PublishedOut.of(published(session, found.pointer, n=found.n), base_url=base_url_of(request))
     headers = _headers(found.tag)
     return found, Response(told.model_dump_json(), headers=headers, media_type="application/json")
 

@@ -21,6 +21,7 @@ from service.api.schemas.robots import (
     RobotIn,
     RobotOut,
 )
+from service.db.robots import RobotFilter
 from service.usecases import robots
 from service.usecases.answer import Answered, answer_once
 from service.usecases.keys import derived_secret
@@ -84,10 +85,7 @@ def list_robots(
         rows = robots.list_robots(
             session,
             actor,
-            map_id=map_id,
-            channel=channel,
-            group=group,
-            behind=behind,
+            RobotFilter(map_id=map_id, channel=channel, group_name=group, behind=behind),
             after=paging.after_id(),
             limit=paging.limit + 1,
         )

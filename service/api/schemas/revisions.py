@@ -182,7 +182,7 @@ class PublishIn(Input):
 
 
 class PublishedOut(Output):
-    """What a robot should run: the channel's revision and its files."""
+    """What a robot should run: the channel's revision, or that of a roll-out, and its files."""
 
     map_id: str
     channel: str
@@ -197,10 +197,10 @@ class PublishedOut(Output):
         return cls(
             map_id=pointer.map_id,
             channel=pointer.name,
-            revision=pointer.revision_n,
+            revision=found.n,
             published_at=pointer.published_at,
             artifacts=[
-                ArtifactOut.of(row, map_id=pointer.map_id, n=pointer.revision_n, base_url=base_url)
+                ArtifactOut.of(row, map_id=pointer.map_id, n=found.n, base_url=base_url)
                 for row in found.artifacts
             ],
         )
