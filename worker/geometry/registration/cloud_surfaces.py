@@ -7,6 +7,7 @@ from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
+from worker.geometry.registration.neighbours import NeighbourGrid
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
 
 _STEP = 0.05
@@ -54,11 +55,11 @@ def seen_surfaces(points: NDArray[np.float64], eye: NDArray[np.float64]) -> Surf
     thinned = voxel_grid_filter(points, _STEP)
     normals, _ = estimate_normals(thinned, towards=eye)
     spacing = point_spacing(thinned)
-    tree, aside = KDTree(thinned), max(_ASIDE * spacing, _STEP)
+    grid, aside = NeighbourGrid.with_cells_of_some(thinned), max(_ASIDE * spacing, _STEP)
     behind = np.zeros(len(thinned), dtype=np.bool_)
     for ahead in np.arange(_THINNEST, _THICKEST, min(aside, 2 * _STEP)) + aside:
         left = np.flatnonzero(~behind)
-        gap = tree.query(thinned[left] + ahead * normals[left], distance_upper_bound=aside, workers=-1)[0]
+        gap, _ = grid.nearest(thinned[left] + ahead * normals[left], reach=aside)
         behind[left[np.isfinite(gap)]] = True
     front = thinned[~behind]
     normals, _ = estimate_normals(front, towards=eye)

@@ -109,7 +109,7 @@ def register_ndt(
             break
         xi = np.zeros(6)
         xi[keep] = step
-        trial = _motion(xi * scale, centre) @ pose
+        trial = motion(xi * scale, centre) @ pose
         trial_centre, (trial_score, trial_g, trial_H) = _evaluate(source, target, trial, middle)
         iterations += 1
         if on_iteration is not None:
@@ -127,10 +127,10 @@ def register_ndt(
 
 def moved(pose: Transform, xi: NDArray[np.float64], centre: NDArray[np.float64]) -> Transform:
     """Return `pose` followed by the turn ``xi[3:]`` [rad] about `centre` and the shift ``xi[:3]`` [m]."""
-    return Transform(_motion(xi, centre)) @ pose
+    return Transform(motion(xi, centre)) @ pose
 
 
-def _motion(xi: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
+def motion(xi: NDArray[np.float64], centre: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return the (4, 4) motion of a turn about a centre and a shift."""
     turn = rotation_matrix(xi[3:])
     m = np.eye(4)

@@ -7,9 +7,9 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from service.domain.errors import PlacementNotComputed
+from service.domain.errors import CoordinatesTooLarge, PlacementNotComputed
 from worker.geometry.cloud.point_cloud import PointCloud
-from worker.geometry.cloud.voxel_grid import voxel_grid_filter
+from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.structure import Structure, find_floor, find_structure, find_viewpoint
 from worker.geometry.registration.surfaces import estimate_normals
 
@@ -18,6 +18,7 @@ _FIT_STEP = 0.1
 _MOST_COARSE = 8_000
 _MOST_FINE = 8_000
 _LEAST_POINTS = 100
+_FARTHEST = 50_000.0
 
 
 @dataclass(frozen=True, eq=False)
@@ -59,10 +60,17 @@ def prepare_scan(scan: PointCloud) -> PreparedScan:
 
     Raises
     ------
+    CoordinatesTooLarge
+        If it reaches farther than 50 km from its origin.
     PlacementNotComputed
         If it has too few points.
     """
-    fine = voxel_grid_filter(scan.points, _FIT_STEP)
+    if len(scan) and not np.abs(scan.points).max() < _FARTHEST:
+        raise CoordinatesTooLarge(
+            f"The scan reaches {np.abs(scan.points).max():.0f} m from its origin, and a tablet's scan lies "
+            "around it; subtract the offset from its coordinates."
+        )
+    fine = cell_moments(scan.points, _FIT_STEP).means
     if len(fine) < _LEAST_POINTS:
         raise PlacementNotComputed(
             f"The scan has {len(fine)} points at {_FIT_STEP} m spacing; "
@@ -88,7 +96,7 @@ def prepare_scan(scan: PointCloud) -> PreparedScan:
 
 def _thinned(points: NDArray[np.float64], step: float, *, most: int) -> NDArray[np.float64]:
     """Return one point a voxel of edge `step` [m], and a wider one where that gives more than `most`."""
-    kept = voxel_grid_filter(points, step)
+    kept = cell_moments(points, step).means
     if len(kept) > most:
-        kept = voxel_grid_filter(points, step * float(np.sqrt(len(kept) / most)))
+        kept = cell_moments(points, step * float(np.sqrt(len(kept) / most))).means
     return kept

@@ -51,7 +51,7 @@ class Problem:
         eye = np.round(pose.apply(self.scan.viewpoint[None])[0] / _STRIDE) * _STRIDE
         key = (*centre[:2], *(eye if self.target.kind == "cloud" else ()))
         if key not in self._around:
-            top, radius = float(np.ptp(self.scan.fine[:, 2])), self.scan.radius + 2.0 * MARGIN
+            top, radius = float(np.ptp(self.scan.fine[:, 2])), self.scan.radius + MARGIN
             self._around[key] = self.target.around(centre, radius, eye=eye, top=top)
         if not len(self._around[key]):
             raise PlacementNotComputed(

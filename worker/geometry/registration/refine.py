@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.transform import Transform
-from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, moved
+from worker.geometry.registration.ndt import ALL_SIX, LEVELLED, motion
 from worker.geometry.registration.surfaces import Surfaces
 
 _ROUNDS = ((0.5, 5), (0.35, 5), (0.25, 12), (0.25, 20))
@@ -82,8 +82,11 @@ def refine_to_surfaces(
             reach,
             np.array(LEVELLED if surfaces.coarse or nth < _LEVELLED_ROUNDS else ALL_SIX),
         )
-        ends = [_descend(fit, start, steps, tolerance) for start in _starts(fit, done.T_map_scan, last=last)]
-        best = ends[0] if len(ends) == 1 else max(ends, key=lambda end: _agreement(fit, end.T_map_scan))
+        starts = _starts(fit, done.T_map_scan.matrix, last=last)
+        ends = [_descend(fit, start, steps, tolerance) for start in starts]
+        best = (
+            ends[0] if len(ends) == 1 else max(ends, key=lambda end: _agreement(fit, end.T_map_scan.matrix))
+        )
         done = Refined(best.T_map_scan, best.converged, done.iterations + sum(e.iterations for e in ends))
     return done
 
@@ -99,30 +102,31 @@ class _Fit:
     unknowns: NDArray[np.intp]
 
     def matched(
-        self, pose: Transform
+        self, pose: NDArray[np.float64]
     ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.float64]]:
         """Return the points within reach, their distances, the normals there, and Tukey's weights."""
-        placed, aside = pose.apply(self.points), _ASIDE if self.surfaces.coarse else 0.0
+        turn, aside = pose[:3, :3], _ASIDE if self.surfaces.coarse else 0.0
+        placed = self.points @ turn.T + pose[:3, 3]
         distance, plane, found = self.surfaces.match(
-            placed, self.normals @ pose.rotation.T, reach=max(self.reach, aside)
+            placed, self.normals @ turn.T, reach=max(self.reach, aside)
         )
         found &= np.abs(distance) < self.reach
         return placed[found], distance[found], plane[found], (1.0 - (distance[found] / self.reach) ** 2) ** 2
 
 
-def _starts(fit: _Fit, pose: Transform, *, last: bool) -> list[Transform]:
+def _starts(fit: _Fit, pose: NDArray[np.float64], *, last: bool) -> list[NDArray[np.float64]]:
     """Return where a round begins: on coarse surfaces the last one also a degree or two to each side."""
     if not (last and fit.surfaces.coarse):
         return [pose]
-    centre = pose.apply(fit.points.mean(axis=0)[None])[0]
-    return [moved(pose, np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn]), centre) for turn in _TURNS]
+    centre = pose[:3, :3] @ fit.points.mean(axis=0) + pose[:3, 3]
+    return [motion(np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn]), centre) @ pose for turn in _TURNS]
 
 
-def _agreement(fit: _Fit, pose: Transform) -> float:
+def _agreement(fit: _Fit, pose: NDArray[np.float64]) -> float:
     return float(fit.matched(pose)[3].sum())
 
 
-def _descend(fit: _Fit, start: Transform, steps: int, tolerance: float) -> Refined:
+def _descend(fit: _Fit, start: NDArray[np.float64], steps: int, tolerance: float) -> Refined:
     """Return where Gauss-Newton steps lead; not converged where too little is matched."""
     pose, small, taken = start, False, 0
     spread = fit.points - fit.points.mean(axis=0)
@@ -130,15 +134,15 @@ def _descend(fit: _Fit, start: Transform, steps: int, tolerance: float) -> Refin
     while taken < steps and not small:
         step = _step(fit, pose)
         if step is None:
-            return Refined(pose, False, taken)
+            return Refined(Transform(pose), False, taken)
         xi, centre = step
-        pose = moved(pose, xi, centre)
+        pose = motion(xi, centre) @ pose
         taken += 1
         small = bool(np.linalg.norm(xi[:3]) + lever * np.linalg.norm(xi[3:]) < tolerance)
-    return Refined(pose, small, taken)
+    return Refined(Transform(pose), small, taken)
 
 
-def _step(fit: _Fit, pose: Transform) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
+def _step(fit: _Fit, pose: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]] | None:
     """Return one Gauss-Newton step (v, w) about a centre, or None when too little is matched."""
     p, r, n, weight = fit.matched(pose)
     if len(p) < _LEAST_MATCHES:
@@ -147,7 +151,7 @@ def _step(fit: _Fit, pose: Transform) -> tuple[NDArray[np.float64], NDArray[np.f
     J = np.hstack([n, np.cross(p - centre, n)])
     H = (J * weight[:, None]).T @ J
     g = J.T @ (weight * r)
-    up = pose.rotation[:, 2]
+    up = pose[:3, 2]
     tilt = np.array([up[1], -up[0]])  # the small turn about x and y that would bring the scan upright
     prior = len(p) * (_PRIOR_NOISE / _TILT_PRIOR) ** 2 / 100.0
     H[3, 3] += prior

@@ -13,9 +13,9 @@ from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from worker.geometry.registration.face_field import correlate, face_field
+from worker.geometry.registration.neighbours import NeighbourGrid
 from worker.geometry.registration.structure import Structure
 
 _YAW_STEP = np.deg2rad(2.5)
@@ -104,10 +104,10 @@ def search(structure: Structure, outline: Outline, *, region: Region | None) -> 
     poses, tried = _peaks(structure, feet, outward, region)
     if not len(poses):
         return Hypotheses(np.zeros((0, 3)), np.zeros(0), np.zeros(0), tried)
-    tree = KDTree(np.hstack([feet, _SIDE_WEIGHT * outward]))
+    grid = NeighbourGrid.of(_flat(feet), _flat(outward))
     for reach in _ROUNDS:
-        poses = _step(structure, poses, tree, feet, outward, reach)
-    on_faces = _on_faces(structure, poses, tree, feet, outward)
+        poses = _step(structure, poses, grid, feet, outward, reach)
+    on_faces = _on_faces(structure, poses, grid, feet, outward)
     inside = np.ones(len(poses), dtype=bool) if region is None else _within(poses, region)
     order = np.flatnonzero(inside)[np.argsort(-on_faces[inside], kind="stable")]
     order = order[_distinct(poses[order], apart=_APART, turn=_TURN)]
@@ -183,19 +183,26 @@ def _placed(
     )
 
 
+def _flat(places: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return (N, 2) as (N, 3), their height 0."""
+    return np.column_stack([places, np.zeros(len(places))])
+
+
 def _matched(
     structure: Structure,
     poses: NDArray[np.float64],
-    tree: KDTree,
+    grid: NeighbourGrid,
     feet: NDArray[np.float64],
     outward: NDArray[np.float64],
     reach: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
     """Return places (H, K, 2), distances to faces (H, K), their normals (H, K, 2), matched (H, K)."""
     p, n = _placed(structure, poses)
-    query = np.concatenate([p, _SIDE_WEIGHT * n], axis=2).reshape(-1, 4)
-    _, index = tree.query(query, distance_upper_bound=float(np.hypot(reach, 0.5 * _SIDE_WEIGHT)))
-    found = (index < len(feet)).reshape(p.shape[:2])
+    _, index = grid.nearest(
+        _flat(p.reshape(-1, 2)), _flat(n.reshape(-1, 2)), reach=float(np.sqrt(2.0) * reach),
+        weight=_SIDE_WEIGHT, most=float(np.hypot(reach, 0.5 * _SIDE_WEIGHT)),
+    )  # fmt: skip
+    found = (index >= 0).reshape(p.shape[:2])
     index = np.where(found, index.reshape(found.shape), 0)
     between, normal = p - feet[index], outward[index]
     distance = np.sum(between * normal, axis=2)
@@ -207,13 +214,13 @@ def _matched(
 def _step(
     structure: Structure,
     poses: NDArray[np.float64],
-    tree: KDTree,
+    grid: NeighbourGrid,
     feet: NDArray[np.float64],
     outward: NDArray[np.float64],
     reach: float,
 ) -> NDArray[np.float64]:
     """Return the poses after one Gauss-Newton step each, in x, y and yaw about the structure's middle."""
-    p, r, n, found = _matched(structure, poses, tree, feet, outward, reach)
+    p, r, n, found = _matched(structure, poses, grid, feet, outward, reach)
     weight = np.where(found, (1.0 - (r / reach) ** 2) ** 2, 0.0)
     middle = p.mean(axis=1, keepdims=True)
     q = p - middle
@@ -231,12 +238,12 @@ def _step(
 def _on_faces(
     structure: Structure,
     poses: NDArray[np.float64],
-    tree: KDTree,
+    grid: NeighbourGrid,
     feet: NDArray[np.float64],
     outward: NDArray[np.float64],
 ) -> NDArray[np.float64]:
     """Return the share of the structure within 12 cm of a face that looks its way, (H,)."""
-    found = _matched(structure, poses, tree, feet, outward, _ON_FACE)[3]
+    found = _matched(structure, poses, grid, feet, outward, _ON_FACE)[3]
     return np.asarray(found.mean(axis=1), dtype=np.float64)
 
 

@@ -9,10 +9,10 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import KDTree
 
+from worker.geometry.registration.neighbours import NeighbourGrid
+
 _SIDE_WEIGHT = 0.5
 _NEIGHBOURS = 12
-_CORES = -1
-"""All of them; each point is searched for by itself, so the answer is the same with any number."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -42,12 +42,12 @@ class Surfaces:
     @cached_property
     def tree(self) -> KDTree:
         """Return a tree over the points."""
-        return KDTree(self.points)
+        return KDTree(self.points, balanced_tree=False, compact_nodes=False)
 
     @cached_property
-    def sided_tree(self) -> KDTree:
-        """Return a tree over points and normals: an opposite normal counts as 1 m of distance."""
-        return KDTree(np.hstack([self.points, _SIDE_WEIGHT * self.normals]))
+    def grid(self) -> NeighbourGrid:
+        """Return the points and normals in a grid."""
+        return NeighbourGrid.of(self.points, self.normals)
 
     def match(
         self, points: NDArray[np.float64], normals: NDArray[np.float64] | None, *, reach: float
@@ -70,16 +70,14 @@ class Surfaces:
         """
         if self.sided and normals is not None:
             known = np.linalg.norm(normals, axis=1) > 0.5
-            query = np.hstack([points, _SIDE_WEIGHT * normals])
-            limit = np.hypot(reach, _SIDE_WEIGHT)
-            _, index = self.sided_tree.query(query, distance_upper_bound=limit, workers=_CORES)
+            most = float(np.hypot(reach, _SIDE_WEIGHT))
+            _, index = self.grid.nearest(points, normals, reach=reach, weight=_SIDE_WEIGHT, most=most)
         else:
             known = np.zeros(len(points), dtype=bool)
-            _, index = self.tree.query(points, distance_upper_bound=reach, workers=_CORES)
-        found = index < len(self.points)
+            _, index = self.grid.nearest(points, reach=reach)
+        found = index >= 0
         nearest = np.where(found, index, 0)
         between = points - self.points[nearest]
-        found &= np.sum(between**2, axis=1) <= reach**2
         matched = self.normals[nearest]
         if self.sided and normals is not None:
             found &= ~known | (np.sum(matched * normals, axis=1) > 0.3)
@@ -105,12 +103,7 @@ def estimate_normals(
     tuple
         Normals (N, 3), flat (N,): the neighbours' least extent is under a third of the middle one.
     """
-    tree = KDTree(points)
-    count = min(_NEIGHBOURS, len(points))
-    _, index = tree.query(points, k=count, workers=_CORES)
-    around = points[np.asarray(index).reshape(len(points), count)]
-    centred = around - around.mean(axis=1, keepdims=True)
-    values, vectors = np.linalg.eigh(np.einsum("nki,nkj->nij", centred, centred))
+    values, vectors = NeighbourGrid.with_cells_of_some(points).spreads(neighbours=_NEIGHBOURS)
     normals = np.ascontiguousarray(vectors[:, :, 0])
     if towards is not None:
         away = np.sum((towards - points) * normals, axis=1) < 0.0
