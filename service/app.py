@@ -43,6 +43,7 @@ from service.api.routes import (
     rollouts,
     scans,
     tus,
+    webhooks,
 )
 from service.api.routes import problems as problem_pages
 from service.db.schema import is_current
@@ -53,6 +54,7 @@ from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
 from service.usecases.advance_rollouts import advance_rollouts
+from service.usecases.dispatch_webhooks import dispatch_webhooks
 from service.usecases.kernel import Kernel
 from service.usecases.stats import job_figures
 from service.usecases.sweep_storage import sweep_storage
@@ -72,6 +74,7 @@ _ROUTERS = (
     fleet_events.router,
     placements.router,
     tus.router,
+    webhooks.router,
     jobs.router,
     keys.router,
     health.router,
@@ -149,11 +152,12 @@ async def _sweep_for_ever(kernel: Kernel, pieces: PieceStore, settings: Settings
 
 
 async def _advance_for_ever(kernel: Kernel) -> None:
-    """Let roll-outs go on; what fails once may succeed the next time."""
-    log = structlog.get_logger("service.rollouts")
+    """Let roll-outs go on and events go out; what fails once may succeed the next time."""
+    log = structlog.get_logger("service.advance")
     while True:
         try:
             await run_in_threadpool(advance_rollouts, kernel)
+            await run_in_threadpool(dispatch_webhooks, kernel)
         except (DomainError, SQLAlchemyError) as error:
             log.warning("advance-failed", cause=repr(error))
         await asyncio.sleep(_ADVANCE_EVERY_S)
@@ -216,6 +220,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
         upload_expiry_s=settings.upload_expiry_s,
         idempotency_expiry_s=settings.idempotency_expiry_s,
         bounds=Bounds(max_pixels=settings.max_pixels, max_points=settings.max_points),
+        webhook_networks=settings.networks(),
     )
     app.state.pieces = PieceStore(settings.data_dir)
     app.add_middleware(Drain)

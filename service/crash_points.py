@@ -33,6 +33,10 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "begin-rollout",
         "change-rollout",
         "advance-rollout",
+        "make-webhook",
+        "renew-webhook-secret",
+        "remove-webhook",
+        "dispatch-webhooks",
         "cancel-job",
         "retry-job",
         "forget-answers",
@@ -56,6 +60,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "record-delta",
         "record-comparison",
         "record-rebuild",
+        "record-deliveries",
     }
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""

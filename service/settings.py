@@ -4,8 +4,10 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from pydantic import Field, SecretStr
+from pydantic import Field, SecretStr, field_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+
+from service.domain.outbound import Network, parse_networks
 
 MIB = 1024 * 1024
 
@@ -46,6 +48,11 @@ class Settings(BaseSettings):
         description="How many ready revisions of a map keep their files, beside those that a channel or a "
         "robot needs; 0 keeps all. What they are made of is always kept.",
     )
+    webhook_networks: str | None = Field(
+        None,
+        description="Networks, comma-separated, that webhooks may lie in although they are not public:"
+        " `10.0.0.0/8,fd00::/8`.",
+    )
 
     lease_s: float = Field(
         8.0, gt=0, description="Seconds after its last beat until a worker counts as lost."
@@ -60,6 +67,16 @@ class Settings(BaseSettings):
     crash_at: str | None = Field(
         None, description="For tests: the crash point at which it kills itself: `name`, `name:n`, `@file`."
     )
+
+    @field_validator("webhook_networks")
+    @classmethod
+    def _are_networks(cls, value: str | None) -> str | None:
+        parse_networks(value or "")
+        return value
+
+    def networks(self) -> tuple[Network, ...]:
+        """Return the networks that webhooks may lie in although they are not public."""
+        return parse_networks(self.webhook_networks or "")
 
     def url(self) -> str:
         """Return the database's SQLAlchemy URL."""

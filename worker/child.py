@@ -68,7 +68,7 @@ def _run(job: dict[str, Any], *, stem: int, settings: Settings, kernel: Kernel, 
     _limit(memory_bytes=job["memory_bytes"], cpu_s=job["cpu_s"])
     attempt = Attempt(**{**job["attempt"], "kind": JobKind(job["attempt"]["kind"])})
     bounds = Bounds(max_pixels=settings.max_pixels, max_points=settings.max_points)
-    context = JobContext(kernel, attempt, Path(job["workdir"]), bounds, messages)
+    context = JobContext(kernel, attempt, Path(job["workdir"]), bounds, messages, settings.networks())
     failure = _attempt(context, memory_bytes=job["memory_bytes"])
     kernel.db.close()
     if failure is None:

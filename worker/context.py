@@ -19,6 +19,7 @@ from service.db.models import Layer, Placement, Revision, Scan
 from service.domain.bounds import Bounds
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.map_state import ErasedRegion
+from service.domain.outbound import Network
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
@@ -94,13 +95,17 @@ class LayerSource:
 
 @dataclass
 class JobContext:
-    """Hold one attempt's job, the kernel it works with, and a private folder that vanishes with it."""
+    """Hold one attempt's job, the kernel it works with, and a private folder that vanishes with it.
+
+    `networks` are those that webhooks may lie in although they are not public.
+    """
 
     kernel: Kernel
     attempt: Attempt
     workdir: Path
     bounds: Bounds
     messages: Messages
+    networks: tuple[Network, ...] = ()
     _told_at: float = float("-inf")
     _told_stage: str = ""
 

@@ -13,6 +13,7 @@ from pydantic import BaseModel
 from service.api.problems import base_url_of
 from service.domain.bounds import Bounds
 from service.domain.errors import InvalidRequest
+from service.domain.outbound import Network
 from service.usecases.answer import Answered, IdempotentRequest
 from service.usecases.kernel import Kernel
 
@@ -29,6 +30,7 @@ class Limits:
     upload_expiry_s: float
     idempotency_expiry_s: float
     bounds: Bounds = field(default_factory=Bounds)
+    webhook_networks: tuple[Network, ...] = ()
 
 
 def _kernel(request: Request) -> Kernel:

@@ -16,8 +16,10 @@ from sqlalchemy import ColumnElement, and_, func, or_, select, text, update
 from sqlalchemy.orm import Session
 
 from service.db.models import Job, Revision
+from service.db.webhooks import add_event
 from service.domain.errors import JobCrashed, JobNotCancellable, JobNotRetryable
 from service.domain.lifecycle import BACK_OFF_S, MAX_ATTEMPTS, JobKind, JobState, RevisionStatus
+from service.domain.webhook import EventKind
 
 QUEUE = "groundplan"
 TASK = "groundplan.run_job"
@@ -372,9 +374,20 @@ def _end(
     job.state, job.problem, job.ended_at = state.value, problem, now
     job.lease_until = job.stage = None
     job.changed += 1
+    if state is JobState.FAILED:
+        _tell_failed(session, job, now=now)
     if job.kind == JobKind.BUILD_REVISION:
         session.execute(
             update(Revision)
             .where(Revision.job_id == job.id, Revision.status == RevisionStatus.BUILDING.value)
             .values(status=RevisionStatus.FAILED.value, ended_at=now)
         )
+
+
+def _tell_failed(session: Session, job: Job, *, now: datetime) -> None:
+    """Write down that a job failed, for the webhooks; of their own jobs they are told nothing."""
+    if job.kind == JobKind.DELIVER_WEBHOOKS:
+        return
+    event_id = f"evt_{job.id.rpartition('_')[2]}-{job.changed}"
+    told = {"job_id": job.id, "kind": job.kind, "subject_id": job.subject_id, "problem": job.problem}
+    add_event(session, EventKind.JOB_FAILED, event_id=event_id, map_id=job.map_id, told=told, at=now)

@@ -173,6 +173,12 @@ class JobNotFound(NotFound):
     title = "No such job"
 
 
+class WebhookNotFound(NotFound):
+    """No webhook with this id exists, or it hears of maps that the key does not cover."""
+
+    title = "No such webhook"
+
+
 class KeyNotFound(NotFound):
     """No API key with this id exists."""
 

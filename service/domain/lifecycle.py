@@ -15,6 +15,7 @@ class JobKind(StrEnum):
     MAKE_DELTA = "make-delta"
     COMPARE_REVISIONS = "compare-revisions"
     REBUILD_REVISION = "rebuild-revision"
+    DELIVER_WEBHOOKS = "deliver-webhooks"
 
 
 class JobState(StrEnum):

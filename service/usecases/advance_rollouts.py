@@ -14,6 +14,8 @@ from service.db.revisions import find_channel, move_pointer
 from service.db.robots import Robot
 from service.db.rollouts import Rollout
 from service.domain.rollout import RolloutState, RolloutStepKind
+from service.domain.webhook import EventKind
+from service.usecases.events import emit, tell_published
 from service.usecases.kernel import Kernel
 from service.usecases.rollout_members import stages_of
 from service.usecases.rollouts import enter_stage, failures_from, record_step
@@ -71,26 +73,25 @@ def _finish(kernel: Kernel, session: Session, rollout: Rollout) -> None:
     pointer = find_channel(session, rollout.map_id, channel=rollout.channel)
     assert pointer is not None
     now = kernel.now()
-    move_pointer(
-        session,
-        pointer,
-        Publication(
-            id=kernel.new_id("pub"),
-            map_id=rollout.map_id,
-            channel=rollout.channel,
-            generation=pointer.generation + 1,
-            from_n=pointer.revision_n,
-            to_n=rollout.revision_n,
-            published_at=now,
-            published_by=rollout.created_by,
-            reason=rollout.override or f"end of the roll-out {rollout.id}",
-            overridden=rollout.overridden,
-        ),
+    publication = Publication(
+        id=kernel.new_id("pub"),
+        map_id=rollout.map_id,
+        channel=rollout.channel,
+        generation=pointer.generation + 1,
+        from_n=pointer.revision_n,
+        to_n=rollout.revision_n,
+        published_at=now,
+        published_by=rollout.created_by,
+        reason=rollout.override or f"end of the roll-out {rollout.id}",
+        overridden=rollout.overridden,
     )
+    move_pointer(session, pointer, publication)
+    tell_published(kernel, session, publication)
     table.unassign(session, rollout, keep_enabled=False)
     rollout.state, rollout.ended_at = RolloutState.FINISHED.value, now
     detail = f"The channel {rollout.channel!r} points to revision {rollout.revision_n}."
     record_step(kernel, session, rollout, RolloutStepKind.FINISHED, detail=detail, actor=None)
+    _tell(kernel, session, rollout, EventKind.ROLLOUT_FINISHED)
 
 
 def _stop(kernel: Kernel, session: Session, rollout: Rollout) -> None:
@@ -101,6 +102,17 @@ def _stop(kernel: Kernel, session: Session, rollout: Rollout) -> None:
     table.unassign(session, rollout, keep_enabled=True)
     rollout.state = RolloutState.STOPPED.value
     record_step(kernel, session, rollout, RolloutStepKind.STOPPED, detail=rollout.reason, actor=None)
+    _tell(kernel, session, rollout, EventKind.ROLLOUT_STOPPED)
+
+
+def _tell(kernel: Kernel, session: Session, rollout: Rollout, kind: EventKind) -> None:
+    told = {
+        "rollout_id": rollout.id,
+        "channel": rollout.channel,
+        "revision": rollout.revision_n,
+        "reason": rollout.reason,
+    }
+    emit(kernel, session, kind, map_id=rollout.map_id, told=told)
 
 
 def _reason(rollout: Rollout, failed: Sequence[tuple[Robot, str | None]]) -> str:

@@ -10,7 +10,9 @@ from sqlalchemy.orm import Session
 
 from service.db.jobs import Attempt, finish_succeeded
 from service.db.models import Placement
+from service.domain.webhook import EventKind
 from service.storage.blobs import Stored
+from service.usecases.events import emit
 from service.usecases.kernel import Kernel
 from service.usecases.proposals import propose
 from service.usecases.record_files import record_files
@@ -62,4 +64,6 @@ def record_placement(
     placement.labels_sha256 = files["labels.npy"].sha256
     if result.verdict == "accepted":
         propose(kernel, session, placement, result.evidence.get("gone", ()))
+    told = {"placement_id": placement.id, "scan_id": placement.scan_id, "verdict": result.verdict}
+    emit(kernel, session, EventKind.PLACEMENT_JUDGED, map_id=placement.map_id, told=told)
     return placement

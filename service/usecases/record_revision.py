@@ -11,7 +11,9 @@ from sqlalchemy.orm import Session
 from service.db.jobs import Attempt, LeaseLost, finish_succeeded
 from service.db.models import Revision
 from service.domain.lifecycle import RevisionStatus
+from service.domain.webhook import EventKind
 from service.storage.blobs import Stored
+from service.usecases.events import emit
 from service.usecases.kernel import Kernel
 from service.usecases.rebuild import files_digest
 from service.usecases.record_files import artifact_rows, record_files
@@ -55,4 +57,6 @@ def record_revision(
     revision.software_version = version
     revision.artifacts_sha256 = files_digest({path: stored.sha256 for path, stored in files.items()})
     session.add_all(artifact_rows(revision.id, files))
+    told = {"revision": revision.n, "job_id": revision.job_id}
+    emit(kernel, session, EventKind.REVISION_READY, map_id=revision.map_id, told=told)
     return revision

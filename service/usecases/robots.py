@@ -13,7 +13,9 @@ from service.db.robots import Robot, RobotFilter, RobotReport
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RobotNotFound
 from service.domain.lifecycle import RobotState, Role
+from service.domain.webhook import EventKind
 from service.usecases.audit import record
+from service.usecases.events import emit
 from service.usecases.kernel import Kernel
 from service.usecases.keys import NewKey, create_key
 from service.usecases.maps import covered_map
@@ -187,6 +189,9 @@ def take_report(
     robot.detail = detail
     if state is RobotState.ENABLED:
         robot.enabled_n = revision_n
+    if state is RobotState.FAILED:
+        told = {"robot_id": robot.id, "name": robot.name, "revision": revision_n, "detail": detail}
+        emit(kernel, session, EventKind.ROBOT_FAILED, map_id=robot.map_id, told=told)
     session.flush()
     return _followed(session, robot)
 

@@ -89,9 +89,9 @@ class Fleet:
         return [robot for robot in self.robots if robot.told() == n]
 
 
-def soon(look: Callable[[], T | None]) -> T:
+def soon(look: Callable[[], T | None], *, patience_s: float = _SOON_S) -> T:
     """Return what `look` finds; it has to find something soon."""
-    until = time.monotonic() + _SOON_S
+    until = time.monotonic() + patience_s
     while True:
         found = look()
         if found:
