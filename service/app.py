@@ -213,6 +213,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.metrics = metrics
     app.state.polling = Polling(kernel)
     app.state.routers = _ROUTERS
+    app.state.front_prefix = settings.front_prefix
     app.state.public_url = settings.public_url
     app.state.stopping = threading.Event()
     app.state.limits = Limits(

@@ -32,6 +32,13 @@ class Settings(BaseSettings):
         None, description="Address under which clients reach the service, for links in answers."
     )
 
+    front_prefix: str | None = Field(
+        None,
+        pattern=r"^/([A-Za-z0-9_-]+/)+$",
+        description="Where a front (nginx) has the folder `blobs` as an internal location: it is told which"
+        " file to send (X-Accel-Redirect). Only where no client reaches the service past the front.",
+    )
+
     max_upload_bytes: int = Field(2048 * MIB, gt=0, description="Largest file that is taken.")
     max_pixels: int = Field(200_000_000, gt=0, description="Largest image that is read.")
     max_points: int = Field(50_000_000, gt=0, description="Largest point cloud that is read.")

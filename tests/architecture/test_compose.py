@@ -161,12 +161,12 @@ def test_docker_compose_accepts_the_file() -> None:
 
 def test_the_file_holds_no_secret_and_every_process_checks_its_health(compose: dict[str, Any]) -> None:
     services = compose["services"]
-    assert set(services) == {"postgres", *PROCESSES}
+    assert set(services) == {"postgres", "front", *PROCESSES}
     assert services["postgres"]["environment"]["POSTGRES_PASSWORD"] == "${POSTGRES_PASSWORD:-}"  # noqa: S105
     assert {name for name in services if "healthcheck" not in services[name]} == {"migrate"}
     for name in ("service", "worker"):
         assert services[name]["depends_on"]["migrate"]["condition"] == "service_completed_successfully"
-    assert "ports" not in services["worker"], "workers are many: none takes a port of the host"
+    assert {name for name in services if "ports" in services[name]} == {"front"}, "the front is the only door"
 
 
 def test_every_variable_is_a_setting(compose: dict[str, Any]) -> None:

@@ -1,0 +1,116 @@
+"""Downloads behind the front of docker-compose.yml: the same answers as the bare service's, from nginx."""
+
+from __future__ import annotations
+
+import hashlib
+import secrets
+from collections.abc import Iterator
+from pathlib import Path
+
+import httpx
+import pytest
+
+from service.settings import Settings
+from tests.front import PREFIX, Front, fronted
+from tests.server import Server, running, start
+from tests.service.asking import a_map, ok, refused
+from tests.service.by_hand import ByHand
+
+BIG = secrets.token_bytes(3_000_000)
+CODED = b"stands in for the coded form of the same file"
+_BY_NGINX_ALONE = {"server", "date", "connection", "last-modified", "content-length", "x-request-id"}
+
+
+@pytest.fixture(scope="module")
+def fronts(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Server, Front]]:
+    """Give a bare service, and the front of another process of it."""
+    folder = tmp_path_factory.mktemp("front")
+    with running(Settings(data_dir=folder / "data")) as bare:
+        behind = start(bare.settings, admin_key=bare.admin_key, **PREFIX)
+        try:
+            with fronted(behind, folder / "nginx") as front:
+                yield bare, front
+        finally:
+            behind.close()
+
+
+@pytest.fixture(scope="module")
+def clients(fronts: tuple[Server, Front]) -> Iterator[tuple[httpx.Client, httpx.Client, str]]:
+    """Give a client of the bare service, one of the front, and the path of a revision's files."""
+    bare, front = fronts
+    direct = bare.client(bare.admin_key)
+    map_id, by_hand = a_map(direct), ByHand(bare.kernel)
+    body = {"drawing_id": by_hand.drawing(map_id)}
+    made = ok(direct.post(f"/v1/maps/{map_id}/revisions", json=body), 202)
+    by_hand.build(made["job"]["id"], cloud=BIG, more={"point-cloud.pcd.zst": CODED})
+    with front.client(bare.admin_key) as client:
+        yield direct, client, f"/v1/maps/{map_id}/revisions/1/artifacts"
+
+
+@pytest.mark.parametrize(
+    "headers",
+    [
+        {},
+        {"Accept-Encoding": "zstd"},
+        {"Range": "bytes=5-1000"},
+        {"Range": "bytes=2999990-", "If-Range": f'"{hashlib.sha256(BIG).hexdigest()}"'},
+        {"Range": "bytes=5-1000", "If-Range": '"another"'},
+        {"If-None-Match": f'"{hashlib.sha256(BIG).hexdigest()}"'},
+        {"If-None-Match": '"another"'},
+        {"If-Modified-Since": "Fri, 01 Jan 2100 00:00:00 GMT"},
+        {"If-Match": '"another"'},
+        {"Range": "bytes=9000000-"},
+    ],
+    ids=str,
+)
+def test_the_front_answers_as_the_service_does(
+    clients: tuple[httpx.Client, httpx.Client, str], headers: dict[str, str]
+) -> None:
+    direct, front, files = clients
+    for method in ("GET", "HEAD"):
+        request = {"method": method, "headers": {"Accept-Encoding": "identity", **headers}}
+        told, wanted = (_raw(client, f"{files}/point-cloud.pcd", request) for client in (front, direct))
+        assert told == wanted
+
+
+def _raw(client: httpx.Client, path: str, request: dict[str, object]) -> tuple[int, dict[str, str], bytes]:
+    """Return status, headers and the very bytes of an answer."""
+    with client.stream(str(request["method"]), path, headers=request["headers"]) as answer:  # type: ignore[arg-type]
+        body = b"".join(answer.iter_raw())
+        kept = {k: v for k, v in answer.headers.items() if k not in _BY_NGINX_ALONE}
+        if request["method"] == "GET" and answer.status_code in {200, 206}:
+            assert int(answer.headers["content-length"]) == len(body)
+        if answer.status_code == 416:
+            body = b""  # its problem document names the address that was asked
+        return answer.status_code, kept, body
+
+
+def test_nginx_sends_the_file_and_only_to_who_may_have_it(
+    fronts: tuple[Server, Front], clients: tuple[httpx.Client, httpx.Client, str]
+) -> None:
+    bare, front = fronts
+    _, client, files = clients
+    answer = client.get(f"{files}/point-cloud.pcd")
+    assert answer.content == BIG
+    assert answer.headers["server"] == "nginx"
+    assert "last-modified" in answer.headers, "nginx knows the file: it came from the folder"
+    sha256 = hashlib.sha256(BIG).hexdigest()
+    assert client.get(f"/_blobs/{sha256[:2]}/{sha256}").status_code == 404, "the folder is no door"
+    with front.client("gp_wrong") as stranger:
+        assert stranger.get(f"{files}/point-cloud.pcd").status_code == 401
+    assert refused(bare.client("gp_wrong").get(f"{files}/point-cloud.pcd"), 401, "unauthenticated")
+
+
+def test_large_uploads_and_event_streams_pass(
+    clients: tuple[httpx.Client, httpx.Client, str], tmp_path: Path
+) -> None:
+    _, client, files = clients
+    map_id = files.split("/")[3]
+    plan = tmp_path / "plan.png"
+    plan.write_bytes(b"\x89PNG\r\n\x1a\n" + secrets.token_bytes(8_000_000))
+    with plan.open("rb") as file:
+        answer = client.post(f"/v1/maps/{map_id}/drawings", files={"file": ("plan.png", file, "image/png")})
+    assert answer.status_code in {202, 422}, answer.text  # 422: such a picture is refused, by the service
+    assert answer.headers["content-type"] in {"application/json", "application/problem+json"}
+    with client.stream("GET", "/v1/events") as events:
+        assert next(events.iter_raw()) == b"retry: 1000\n\n"
