@@ -12,6 +12,7 @@ from service.db.comparisons import Comparison
 from service.db.deltas import Delta
 from service.db.models import Artifact, Base, Blob, Channel, Job, Placement, Publication, Revision
 from service.db.robots import Robot
+from service.db.rollouts import under_way
 from service.domain.lifecycle import JobState, RevisionStatus
 
 _LIVING = (JobState.QUEUED.value, JobState.RUNNING.value)
@@ -28,7 +29,7 @@ def prunable(session: Session, map_id: str, *, keep: int) -> Sequence[Revision]:
     """Return the ready revisions whose files nothing needs: older than the newest `keep`, and not in use.
 
     In use is what a channel points to or would roll back to, what a robot runs or told of last, what a scan
-    is being placed on, and what a waiting job is about.
+    is being placed on, what a roll-out brings or would take back, and what a waiting job is about.
     """
     ready = (
         Revision.map_id == map_id,
@@ -62,6 +63,7 @@ def _uses(map_id: str) -> list[ColumnElement[bool]]:
         Revision.n.in_(select(Robot.enabled_n).where(Robot.map_id == map_id, Robot.enabled_n.is_not(None))),
         Revision.n.in_(select(Robot.reported_n).where(Robot.map_id == map_id, Robot.reported_n.is_not(None))),
         Revision.n.in_(placing),
+        Revision.n.in_(under_way(map_id)),
         exists(select(Job.id).where(Job.subject_id == Revision.id, Job.state.in_(_LIVING))),
     ]
 

@@ -12,6 +12,7 @@ from sqlalchemy import (
     ColumnElement,
     ForeignKey,
     Index,
+    Select,
     String,
     Text,
     and_,
@@ -19,6 +20,7 @@ from sqlalchemy import (
     func,
     or_,
     select,
+    union,
     update,
 )
 from sqlalchemy.orm import Mapped, Session, mapped_column
@@ -228,3 +230,10 @@ def _tells_failure(rollout: Rollout, after: str) -> ColumnElement[bool]:
         RobotReport.revision_n == rollout.revision_n,
         RobotReport.id > after,
     )
+
+
+def under_way(map_id: str) -> Select[tuple[int]]:
+    """Return a query of the revisions of a map that open roll-outs bring, and those that they began from."""
+    live = Rollout.map_id == map_id, Rollout.state.in_(_OPEN)
+    both = union(select(Rollout.revision_n.label("n")).where(*live), select(Rollout.from_n).where(*live))
+    return select(both.subquery().c.n)

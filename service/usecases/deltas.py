@@ -12,7 +12,7 @@ from service.db.deltas import Delta, find_delta, is_cloud_of
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.maps import find_map
-from service.db.revisions import find_artifact
+from service.db.revisions import find_artifact, find_revision
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound, DeltaNotReady
 from service.domain.lifecycle import JobKind, JobState
@@ -62,22 +62,43 @@ def ask_for_delta(kernel: Kernel, *, map_id: str, from_sha256: str, to_sha256: s
     """Return the id of the job that makes or made the delta; the first who asks begins it."""
     with kernel.db.writing("ask-delta") as session:
         find_map(session, map_id, lock=True)
-        found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
-        if found is not None:
-            return found.job_id
-        now, delta_id = kernel.now(), kernel.new_id("dlt")
-        job = enqueue(
-            session,
-            JobKind.MAKE_DELTA,
-            job_id=kernel.new_id("job"),
-            map_id=map_id,
-            subject_id=delta_id,
-            now=now,
-        )
-        session.add(
-            Delta(id=delta_id, from_sha256=from_sha256, to_sha256=to_sha256, job_id=job.id, created_at=now)
-        )
-        return job.id
+        return _wanted(kernel, session, map_id, from_sha256=from_sha256, to_sha256=to_sha256)
+
+
+def foresee_delta(kernel: Kernel, session: Session, map_id: str, *, from_n: int, to_n: int) -> None:
+    """Begin the delta that robots will ask for when a channel moves from one revision to another.
+
+    In the transaction of the move, which holds the map. Where one of them has no cloud, or both have the
+    same, there is nothing to make.
+    """
+    clouds = []
+    for n in (from_n, to_n):
+        revision = find_revision(session, map_id, n=n)
+        found = None if revision is None else find_artifact(session, revision.id, path=CLOUD_PATH)
+        clouds.append(None if found is None else found.sha256)
+    old, new = clouds
+    if old is not None and new is not None and old != new:
+        _wanted(kernel, session, map_id, from_sha256=old, to_sha256=new)
+
+
+def _wanted(kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, to_sha256: str) -> str:
+    """Return the id of the delta's job, of a map that this transaction holds."""
+    found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
+    if found is not None:
+        return found.job_id
+    now, delta_id = kernel.now(), kernel.new_id("dlt")
+    job = enqueue(
+        session,
+        JobKind.MAKE_DELTA,
+        job_id=kernel.new_id("job"),
+        map_id=map_id,
+        subject_id=delta_id,
+        now=now,
+    )
+    session.add(
+        Delta(id=delta_id, from_sha256=from_sha256, to_sha256=to_sha256, job_id=job.id, created_at=now)
+    )
+    return job.id
 
 
 def dictionary_form(

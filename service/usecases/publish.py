@@ -17,6 +17,7 @@ from service.domain.errors import GatesClosed, NothingPublished, PointerMoved
 from service.domain.gates import Gate, JudgedLayer, closed_gates
 from service.domain.lifecycle import Role
 from service.usecases.audit import record
+from service.usecases.deltas import foresee_delta
 from service.usecases.events import tell_published
 from service.usecases.kernel import Kernel
 from service.usecases.maps import covered_map
@@ -112,6 +113,8 @@ def publish(
         move.overridden = gates or None
         pointer = table.move_pointer(session, pointer, move)
         _record(kernel, session, actor, move)
+        if move.from_n is not None:
+            foresee_delta(kernel, session, map_id, from_n=move.from_n, to_n=n)
         tell_published(kernel, session, move)
     return Published(pointer, n, table.list_artifacts(session, revision.id))
 
