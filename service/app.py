@@ -42,6 +42,7 @@ from service.api.routes import (
     robots,
     rollouts,
     scans,
+    search,
     tus,
     webhooks,
 )
@@ -56,7 +57,7 @@ from service.storage.pieces import PieceStore
 from service.usecases.advance_rollouts import advance_rollouts
 from service.usecases.dispatch_webhooks import dispatch_webhooks
 from service.usecases.kernel import Kernel
-from service.usecases.stats import job_figures
+from service.usecases.stats import Figures
 from service.usecases.sweep_storage import sweep_storage
 
 _ROUTERS = (
@@ -69,6 +70,7 @@ _ROUTERS = (
     history.router,
     proposals.router,
     audit.router,
+    search.router,
     robots.router,
     rollouts.router,
     fleet_events.router,
@@ -181,7 +183,8 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     own = kernel is None
     kernel = kernel or open_kernel(settings)
     require_schema(kernel)
-    metrics = Metrics(jobs=lambda: job_figures(kernel))
+    figures = Figures(kernel)
+    metrics = Metrics(jobs=figures.jobs_now)
     metrics.watch_jobs()
 
     @asynccontextmanager
@@ -213,6 +216,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.metrics = metrics
     app.state.polling = Polling(kernel)
     app.state.routers = _ROUTERS
+    app.state.figures = figures
     app.state.front_prefix = settings.front_prefix
     app.state.public_url = settings.public_url
     app.state.stopping = threading.Event()

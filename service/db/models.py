@@ -120,7 +120,7 @@ class Drawing(Base):
     """An uploaded drawing; `reading` and its files are null until its job has ended well."""
 
     __tablename__ = "drawings"
-    __table_args__ = (Index(None, "map_id", "id"),)
+    __table_args__ = (Index(None, "map_id", "id"), Index(None, "created_by", "id"))
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"))
@@ -140,7 +140,7 @@ class Scan(Base):
     """An uploaded tablet scan; `reading` and its files are null until its job has ended well."""
 
     __tablename__ = "scans"
-    __table_args__ = (Index(None, "map_id", "id"),)
+    __table_args__ = (Index(None, "map_id", "id"), Index(None, "created_by", "id"))
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"))
@@ -160,7 +160,13 @@ class Placement(Base):
     """One attempt to place a scan on a revision; `verdict` is null until its job has ended well."""
 
     __tablename__ = "placements"
-    __table_args__ = (UniqueConstraint("job_id"), Index(None, "scan_id", "id"), Index(None, "map_id", "id"))
+    __table_args__ = (
+        UniqueConstraint("job_id"),
+        Index(None, "scan_id", "id"),
+        Index(None, "map_id", "id"),
+        Index(None, "verdict", "id"),
+        Index(None, "created_by", "id"),
+    )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"))
@@ -193,6 +199,10 @@ class Revision(Base):
         UniqueConstraint("job_id"),
         CheckConstraint(_one_of("status", RevisionStatus), name="status"),
         Index(None, "map_id", "status", "n"),
+        Index(None, "map_id", "id"),
+        Index(None, "status", "id"),
+        Index(None, "created_by", "id"),
+        Index(None, "drawing_id", "id"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -294,6 +304,9 @@ class Job(Base):
         Index(None, "map_id", "id"),
         Index(None, "state", "id"),
         Index(None, "kind", "id"),
+        Index(None, "map_id", "state", "id"),
+        Index(None, "kind", "state", "id"),
+        Index(None, "subject_id"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)

@@ -232,7 +232,7 @@ def _tells_failure(rollout: Rollout, after: str) -> ColumnElement[bool]:
     )
 
 
-def under_way(map_id: str) -> Select[tuple[int]]:
+def under_way(map_id: str) -> Select[int]:
     """Return a query of the revisions of a map that open roll-outs bring, and those that they began from."""
     live = Rollout.map_id == map_id, Rollout.state.in_(_OPEN)
     both = union(select(Rollout.revision_n.label("n")).where(*live), select(Rollout.from_n).where(*live))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from datetime import datetime
 
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from service.db.models import Blob, Drawing, Job, Scan, Upload
@@ -22,15 +22,25 @@ def find_drawing(session: Session, drawing_id: str, *, lock: bool = False) -> Dr
     return session.get(Drawing, drawing_id, with_for_update=True if lock else None)
 
 
-def find_drawing_row(session: Session, drawing_id: str) -> DrawingRow | None:
-    """Return the drawing with its file and its latest job, or None."""
-    query = (
+def drawing_rows() -> Select[Drawing, Blob, Job]:
+    """Return a query of drawings, each with its file and its latest job."""
+    return (
         select(Drawing, Blob, Job)
         .join(Blob, Blob.sha256 == Drawing.blob_sha256)
         .join(Job, Job.id == Drawing.job_id)
-        .where(Drawing.id == drawing_id)
     )
-    found = session.execute(query).one_or_none()
+
+
+def scan_rows() -> Select[Scan, Blob, Job]:
+    """Return a query of scans, each with its file and its latest job."""
+    return (
+        select(Scan, Blob, Job).join(Blob, Blob.sha256 == Scan.blob_sha256).join(Job, Job.id == Scan.job_id)
+    )
+
+
+def find_drawing_row(session: Session, drawing_id: str) -> DrawingRow | None:
+    """Return the drawing with its file and its latest job, or None."""
+    found = session.execute(drawing_rows().where(Drawing.id == drawing_id)).one_or_none()
     return None if found is None else (found[0], found[1], found[2])
 
 
@@ -38,14 +48,7 @@ def list_drawing_rows(
     session: Session, map_id: str, *, after: str | None, limit: int
 ) -> Sequence[DrawingRow]:
     """Return up to `limit` drawings of the map in the order of their making, from behind the id `after`."""
-    query = (
-        select(Drawing, Blob, Job)
-        .join(Blob, Blob.sha256 == Drawing.blob_sha256)
-        .join(Job, Job.id == Drawing.job_id)
-        .where(Drawing.map_id == map_id)
-        .order_by(Drawing.id)
-        .limit(limit)
-    )
+    query = drawing_rows().where(Drawing.map_id == map_id).order_by(Drawing.id).limit(limit)
     if after is not None:
         query = query.where(Drawing.id > after)
     return [(row[0], row[1], row[2]) for row in session.execute(query)]
@@ -53,26 +56,13 @@ def list_drawing_rows(
 
 def find_scan_row(session: Session, scan_id: str) -> ScanRow | None:
     """Return the scan with its file and its latest job, or None."""
-    query = (
-        select(Scan, Blob, Job)
-        .join(Blob, Blob.sha256 == Scan.blob_sha256)
-        .join(Job, Job.id == Scan.job_id)
-        .where(Scan.id == scan_id)
-    )
-    found = session.execute(query).one_or_none()
+    found = session.execute(scan_rows().where(Scan.id == scan_id)).one_or_none()
     return None if found is None else (found[0], found[1], found[2])
 
 
 def list_scan_rows(session: Session, map_id: str, *, after: str | None, limit: int) -> Sequence[ScanRow]:
     """Return up to `limit` scans of the map in the order of their making, from behind the id `after`."""
-    query = (
-        select(Scan, Blob, Job)
-        .join(Blob, Blob.sha256 == Scan.blob_sha256)
-        .join(Job, Job.id == Scan.job_id)
-        .where(Scan.map_id == map_id)
-        .order_by(Scan.id)
-        .limit(limit)
-    )
+    query = scan_rows().where(Scan.map_id == map_id).order_by(Scan.id).limit(limit)
     if after is not None:
         query = query.where(Scan.id > after)
     return [(row[0], row[1], row[2]) for row in session.execute(query)]

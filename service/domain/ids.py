@@ -34,6 +34,11 @@ def made_at(id_: str) -> datetime:
         raise ValueError(msg) from error
 
 
+def first_id_at(prefix: str, moment: datetime) -> str:
+    """Return the id before which every id of this kind was made earlier than `moment`, to the millisecond."""
+    return new_id(prefix, now=moment, entropy=bytes)
+
+
 def new_id(prefix: str, *, now: datetime, entropy: Entropy) -> str:
     """Return ``prefix_`` and 26 characters: 48 bits of milliseconds, then 80 random bits (as ULID).
 

@@ -15,7 +15,7 @@ from service.db.models import Publication
 from service.db.robots import RobotReport
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest
-from service.domain.ids import made_at, new_id
+from service.domain.ids import first_id_at, made_at
 from service.domain.lifecycle import Role
 from service.usecases.maps import covered_map
 
@@ -68,13 +68,13 @@ class Listening:
         """Return what has happened since the last look, in the order of its time."""
         covered: Collection[str] | None = self.actor.map_ids if self.map_id is None else [self.map_id]
         found: list[FleetEvent] = []
-        rows = _publications(session, _first_id("pub", self.since), covered)
+        rows = _publications(session, first_id_at("pub", self.since), covered)
         found += [event for event in rows if event.id not in self.told]
-        rows = _reports(session, _first_id("rep", self.since), covered)
+        rows = _reports(session, first_id_at("rep", self.since), covered)
         found += [event for event in rows if event.id not in self.told]
         found.sort(key=lambda event: event.id)
         self.since = max(self.since, now - timedelta(seconds=_LATE_S))
-        first = _first_id("", self.since)[1:]
+        first = first_id_at("", self.since)[1:]
         self.told = {event_id for event_id in self.told | {event.id for event in found} if event_id >= first}
         return found
 
@@ -136,8 +136,3 @@ def _made_at(event_id: str) -> datetime:
             "Last-Event-ID is no id that this stream gave; leave it out to hear what happens from now on."
         )
         raise InvalidRequest(detail, errors=[{"header": "Last-Event-ID", "detail": detail}]) from None
-
-
-def _first_id(prefix: str, at: datetime) -> str:
-    """Return the id that sorts before all others of a time."""
-    return new_id(prefix, now=at, entropy=bytes)

@@ -1,8 +1,6 @@
-"""Show, list, cancel and retry jobs."""
+"""Show, cancel and retry jobs."""
 
 from __future__ import annotations
-
-from collections.abc import Sequence
 
 from sqlalchemy.orm import Session
 
@@ -11,7 +9,7 @@ from service.db.jobs import request_cancel, retry
 from service.db.models import Job
 from service.domain.access import Actor
 from service.domain.errors import JobNotFound
-from service.domain.lifecycle import JobKind, JobState, Role
+from service.domain.lifecycle import Role
 from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 
@@ -30,22 +28,6 @@ def covered_job(session: Session, actor: Actor, *, job_id: str) -> Job:
         raise missing
     actor.require_map(row.map_id, otherwise=missing)
     return row
-
-
-def list_jobs(
-    session: Session,
-    actor: Actor,
-    *,
-    state: JobState | None,
-    kind: JobKind | None,
-    map_id: str | None,
-    before: str | None,
-    limit: int,
-) -> Sequence[Job]:
-    """Return up to `limit` jobs of the key's maps, newest first, from behind the id `before`."""
-    return job_lists.list_jobs(
-        session, covered=actor.map_ids, state=state, kind=kind, map_id=map_id, before=before, limit=limit
-    )
 
 
 def cancel_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) -> Job:

@@ -2,14 +2,18 @@
 
 from __future__ import annotations
 
-from fastapi import APIRouter, Request, Response
+from typing import Annotated
+
+from fastapi import APIRouter, Query, Request, Response
+from pydantic import AwareDatetime
 
 from service.api.auth import AdminActor
 from service.api.deps import KernelDep
 from service.api.metrics import MEDIA_TYPE
-from service.api.schemas.stats import HealthOut, ReadyOut, StatsOut
+from service.api.schemas.stats import HealthOut, ReadyOut, SeriesOut, SeriesPoint, StatsOut
+from service.db.series import Bucket, Counted
 from service.usecases.readiness import require_ready
-from service.usecases.stats import stats
+from service.usecases.stats import Figures, WantedSeries, series
 
 router = APIRouter(tags=["service"])
 
@@ -37,7 +41,28 @@ def get_metrics(request: Request) -> Response:
 
 
 @router.get("/v1/stats", response_model=StatsOut)
-def get_stats(kernel: KernelDep, actor: AdminActor) -> StatsOut:
-    """Give the whole service's figures. Needs an admin key that covers all maps."""
+def get_stats(request: Request, kernel: KernelDep, actor: AdminActor) -> StatsOut:
+    """Give the whole service's figures. Needs an admin key that covers all maps.
+
+    Counts that take long to find, of millions of rows, may be a few seconds old.
+    """
+    figures: Figures = request.app.state.figures
     with kernel.db.reading() as session:
-        return StatsOut.of(stats(kernel, session, actor))
+        return StatsOut.of(figures.stats(session, actor))
+
+
+@router.get("/v1/stats/series", response_model=SeriesOut)
+def get_series(
+    kernel: KernelDep,
+    actor: AdminActor,
+    what: Annotated[Counted, Query(description="What is counted.")],
+    since: Annotated[AwareDatetime, Query(description="From this instant on.")],
+    until: Annotated[AwareDatetime, Query(description="Before this instant.")],
+    bucket: Annotated[Bucket, Query(description="Length of a step, in UTC.")] = "hour",
+) -> SeriesOut:
+    """Count what was made in each hour or day of a period, by state. Needs an admin key of all maps."""
+    with kernel.db.reading() as session:
+        points = series(session, actor, WantedSeries(what, bucket, (since, until)))
+        return SeriesOut(
+            what=what, bucket=bucket, points=[SeriesPoint.model_validate(point) for point in points]
+        )

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import AsyncIterator
+from functools import partial
 from typing import Annotated, Any
 
 import anyio
@@ -13,14 +14,15 @@ from sqlalchemy.orm import Session
 
 from service.api.auth import TabletActor
 from service.api.deps import BaseUrl, KernelDep, Once, answered, respond
-from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.jobs import JobOut
+from service.api.searching import SearchDep
 from service.domain.access import Actor
 from service.domain.errors import DatabaseBusy
 from service.domain.lifecycle import JobKind, JobState
 from service.usecases import jobs
 from service.usecases.answer import Answered, answer_once
+from service.usecases.find import find_jobs
 from service.usecases.kernel import Kernel
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
@@ -41,28 +43,17 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 def list_jobs(
     kernel: KernelDep,
     actor: TabletActor,
-    paging: PagingDep,
+    search: SearchDep,
     base_url: BaseUrl,
     *,
     state: Annotated[JobState | None, Query(description="Only jobs in this state.")] = None,
     kind: Annotated[JobKind | None, Query(description="Only jobs of this kind.")] = None,
-    map_id: Annotated[
-        str | None, Query(alias="map", max_length=40, description="Only jobs of this map.")
-    ] = None,
 ) -> Page[JobOut]:
-    """List the jobs of the key's maps, newest first. Needs a tablet or admin key."""
+    """List the jobs of the key's maps. Needs a tablet or admin key."""
     with kernel.db.reading() as session:
-        rows = jobs.list_jobs(
-            session,
-            actor,
-            state=state,
-            kind=kind,
-            map_id=map_id,
-            before=paging.after_id(),
-            limit=paging.limit + 1,
-        )
-        page = paging.page(rows, key=lambda row: row.id, show=lambda row: JobOut.of(row, base_url=base_url))
-        return Page[JobOut](**page)
+        rows = find_jobs(session, actor, search.wanted({"state": state, "kind": kind}))
+        show = partial(JobOut.of, base_url=base_url)
+        return Page[JobOut](**search.paging.page(rows, key=lambda row: row.id, show=show))
 
 
 @router.get("/{job_id}", response_model=JobOut)

@@ -45,6 +45,22 @@ class StatsOut(Output):
         )
 
 
+class SeriesPoint(Output):
+    """How many things of one state were made in the hour or day that begins at `at`."""
+
+    at: datetime
+    state: str | None
+    number: int
+
+
+class SeriesOut(Output):
+    """Counts over a period, oldest first; hours and days in which nothing was made are left out."""
+
+    what: str
+    bucket: str
+    points: list[SeriesPoint]
+
+
 class HealthOut(Output):
     """The process is alive."""
 
