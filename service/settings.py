@@ -61,6 +61,13 @@ class Settings(BaseSettings):
         " `10.0.0.0/8,fd00::/8`.",
     )
 
+    mqtt_url: SecretStr | None = Field(
+        None, description="MQTT broker of `groundplan vda5050`: `mqtt[s]://[user:password@]host[:port]`."
+    )
+    mqtt_interface: str = Field(
+        "uagv", pattern=r"^[^+#]+$", description="First level of the topics of VDA 5050: the interface name."
+    )
+
     lease_s: float = Field(
         8.0, gt=0, description="Seconds after its last beat until a worker counts as lost."
     )

@@ -110,6 +110,18 @@ def find_robot_of_key(session: Session, key_id: str) -> Robot | None:
     return session.scalars(select(Robot).where(Robot.key_id == key_id)).one_or_none()
 
 
+def list_vehicles(session: Session) -> Sequence[tuple[Robot, int | None]]:
+    """Return the robots that have a name on an MQTT broker, each with the revision that it should have."""
+    query = _with_pointer().where(Robot.serial_number.is_not(None)).order_by(Robot.id)
+    return [(row[0], row[1]) for row in session.execute(query)]
+
+
+def is_vehicle_known(session: Session, *, manufacturer: str, serial_number: str) -> bool:
+    """Return whether a robot has this name on an MQTT broker."""
+    same = and_(Robot.manufacturer == manufacturer, Robot.serial_number == serial_number)
+    return session.scalar(select(Robot.id).where(same)) is not None
+
+
 def list_robots(
     session: Session, wanted: RobotFilter, *, after: str | None, limit: int
 ) -> Sequence[tuple[Robot, int | None]]:

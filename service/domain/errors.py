@@ -335,6 +335,12 @@ class RolloutNotInState(Conflict):
     title = "The roll-out's state does not allow this"
 
 
+class VehicleTaken(Conflict):
+    """Another robot has this manufacturer and serial number already: they name one vehicle on the broker."""
+
+    title = "The vehicle is enrolled already"
+
+
 class JobNotCancellable(Conflict):
     """The job has already ended."""
 

@@ -5,6 +5,7 @@ from __future__ import annotations
 import hmac
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from urllib.parse import quote
 
 from sqlalchemy.orm import Session
 
@@ -61,6 +62,12 @@ def sign_link(
     expires = int((kernel.now() + timedelta(seconds=valid_s)).timestamp())
     proof = _proof(key, map_id=map_id, n=n, path=path, expires=expires)
     return SignedFile(file, Signature(key.id, expires, proof), datetime.fromtimestamp(expires, UTC))
+
+
+def link_path(signature: Signature, *, map_id: str, n: int, path: str) -> str:
+    """Return what of a link's address stands behind that of the service."""
+    asked = f"key={signature.key_id}&expires={signature.expires}&signature={signature.proof}"
+    return f"/v1/links/{map_id}/{n}/{quote(path)}?{asked}"
 
 
 def linked_file(

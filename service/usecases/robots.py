@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 
 from sqlalchemy.orm import Session
@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from service.db import robots as table
 from service.db.robots import Robot, RobotFilter, RobotReport
 from service.domain.access import Actor
-from service.domain.errors import RevisionNotFound, RobotNotFound
+from service.domain.errors import RevisionNotFound, RobotNotFound, VehicleTaken
 from service.domain.lifecycle import RobotState, Role
 from service.domain.webhook import EventKind
 from service.usecases.audit import record
@@ -63,6 +63,25 @@ class Followed:
 
 
 @dataclass(frozen=True)
+class Vehicle:
+    """Hold how a robot is named on an MQTT broker, where it speaks VDA 5050."""
+
+    manufacturer: str
+    serial_number: str
+
+
+@dataclass(frozen=True)
+class Device:
+    """Hold what a robot is called, the map and the channel that it follows, and its group if it has one."""
+
+    name: str
+    map_id: str
+    channel: str
+    group: str | None = None
+    vehicle: Vehicle | None = None
+
+
+@dataclass(frozen=True)
 class Enrolled:
     """Hold a robot just enrolled, and its key, whose secret is shown once."""
 
@@ -75,16 +94,15 @@ def enrol_robot(
     session: Session,
     actor: Actor,
     *,
-    name: str,
-    map_id: str,
-    channel: str,
-    group: str | None,
+    device: Device,
     root: str | None = None,
 ) -> Enrolled:
     """Return a new robot of a map with a key of its own, which covers that map alone.
 
     Parameters
     ----------
+    device : Device
+        What it is called, and what it follows.
     root : str, optional
         As `create_key`.
 
@@ -94,23 +112,32 @@ def enrol_robot(
         If the actor is no admin.
     MapNotFound
         If there is no such map for the key.
+    VehicleTaken
+        If another robot is this vehicle.
     """
     actor.require_role(Role.ADMIN)
+    map_id, vehicle = device.map_id, device.vehicle
     covered_map(session, actor, map_id=map_id)
-    key = create_key(kernel, session, name=name, role=Role.ROBOT, map_ids=[map_id], root=root)
+    if vehicle is not None and table.is_vehicle_known(
+        session, manufacturer=vehicle.manufacturer, serial_number=vehicle.serial_number
+    ):
+        raise VehicleTaken(f"{vehicle.manufacturer} {vehicle.serial_number} is enrolled already.")
+    key = create_key(kernel, session, name=device.name, role=Role.ROBOT, map_ids=[map_id], root=root)
     robot = Robot(
         id=kernel.new_id("rob"),
-        name=name,
+        name=device.name,
         map_id=map_id,
-        channel=channel,
-        group_name=group,
+        channel=device.channel,
+        group_name=device.group,
         key_id=key.key.id,
         created_at=kernel.now(),
+        manufacturer=None if vehicle is None else vehicle.manufacturer,
+        serial_number=None if vehicle is None else vehicle.serial_number,
     )
     session.add(robot)
     place_robot(session, robot)
     session.flush()
-    after = {"name": name, "channel": channel, "group": group, "key_id": key.key.id}
+    after = {**asdict(device), "key_id": key.key.id}
     record(kernel, session, actor, action="enrol-robot", subject_id=robot.id, map_id=map_id, after=after)
     return Enrolled(_followed(session, robot), key)
 

@@ -161,7 +161,7 @@ def test_docker_compose_accepts_the_file() -> None:
 
 def test_the_file_holds_no_secret_and_every_process_checks_its_health(compose: dict[str, Any]) -> None:
     services = compose["services"]
-    assert set(services) == {"postgres", "front", *PROCESSES}
+    assert set(services) == {"postgres", "front", "vda5050", *PROCESSES}
     assert services["postgres"]["environment"]["POSTGRES_PASSWORD"] == "${POSTGRES_PASSWORD:-}"  # noqa: S105
     assert {name for name in services if "healthcheck" not in services[name]} == {"migrate"}
     for name in ("service", "worker"):

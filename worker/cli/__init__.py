@@ -12,6 +12,7 @@ _COMMANDS = {
     "up": ("worker.cli.processes", "start service and worker on SQLite and a local folder"),
     "serve": ("worker.cli.processes", "start the HTTP service"),
     "worker": ("worker.cli.processes", "start a worker"),
+    "vda5050": ("worker.cli.processes", "bring maps to robots that speak VDA 5050 over MQTT"),
     "migrate": ("worker.cli.processes", "bring the database to this version's schema"),
     "key": ("worker.cli.processes", "create API keys"),
     "read": ("worker.cli.drawing", "find the walls of a drawing"),

@@ -1,4 +1,4 @@
-"""`groundplan up`, `serve`, `worker`, `migrate` and `key`: the processes of an installation."""
+"""`groundplan up`, `serve`, `worker`, `vda5050`, `migrate` and `key`: the processes of an installation."""
 
 from __future__ import annotations
 
@@ -15,6 +15,8 @@ from pathlib import Path
 _STOP_S = 20.0
 _LOOK_EVERY_S = 0.2
 _PR_SET_PDEATHSIG = 1
+_NEEDED_BY_VDA5050 = ("paho",)
+_MODULES = {"worker": "worker", "vda5050": "worker.vda5050"}
 _NEEDED = ("numba", "scipy", "cv2", "skimage", "PIL")
 
 
@@ -38,15 +40,16 @@ def run(name: str, args: argparse.Namespace) -> int:
         value = getattr(args, option, None)
         if value is not None:
             os.environ[f"GROUNDPLAN_{option.upper()}"] = str(value)
-    missing = [module for module in _NEEDED if importlib.util.find_spec(module) is None]
+    needed, extra = (_NEEDED_BY_VDA5050, "vda5050") if name == "vda5050" else (_NEEDED, "worker")
+    missing = [module for module in needed if importlib.util.find_spec(module) is None]
     if missing:
         print(
-            f"groundplan {name}: a worker needs {', '.join(missing)}: install groundplan[worker]",
+            f"groundplan {name}: this needs {', '.join(missing)}: install groundplan[{extra}]",
             file=sys.stderr,
         )
         return 1
-    if name == "worker":
-        os.execv(sys.executable, [sys.executable, "-m", "worker"])  # noqa: S606
+    if name in _MODULES:
+        os.execv(sys.executable, [sys.executable, "-m", _MODULES[name]])  # noqa: S606
     return _up()
 
 

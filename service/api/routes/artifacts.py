@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 from typing import Annotated
-from urllib.parse import quote, urlsplit
+from urllib.parse import urlsplit
 
 from fastapi import APIRouter, Path, Query, Request, Response
 
@@ -17,7 +17,7 @@ from service.domain.access import Actor
 from service.usecases.deltas import delta_file, dictionary_form
 from service.usecases.download import CLOUD_PATH, StoredFile, artifact_file
 from service.usecases.kernel import Kernel
-from service.usecases.links import LONGEST_S, Signature, linked_file, sign_link
+from service.usecases.links import LONGEST_S, Signature, link_path, linked_file, sign_link
 from service.usecases.tile_changes import tile_changes
 
 router = APIRouter(tags=["downloads"])
@@ -99,10 +99,8 @@ def get_link(
     """Sign a link to a file that works without a key until it expires or this key is revoked."""
     with kernel.db.reading() as session:
         signed = sign_link(kernel, session, actor, map_id=map_id, n=n, path=path, valid_s=valid_s)
-    signature = signed.signature
-    asked = f"key={signature.key_id}&expires={signature.expires}&signature={signature.proof}"
     return LinkOut(
-        url=f"{base_url}/v1/links/{map_id}/{n}/{quote(path)}?{asked}",
+        url=base_url + link_path(signed.signature, map_id=map_id, n=n, path=path),
         sha256=signed.file.sha256,
         size_bytes=signed.file.size_bytes,
         expires_at=signed.expires_at,

@@ -50,10 +50,7 @@ def enrol_robot(
             kernel,
             session,
             actor,
-            name=body.name,
-            map_id=body.map_id,
-            channel=body.channel,
-            group=body.group,
+            device=body.device(),
             root=root,
         )
         told = NewRobotOut.with_key(made.followed, key=made.key.secret if root is None else _HIDDEN)

@@ -10,10 +10,21 @@ from pydantic import Field
 from service.api.schemas.base import Identifier, Input, Output, Text
 from service.api.schemas.revisions import Channel
 from service.domain.lifecycle import RobotState
-from service.usecases.robots import Followed, Progress
+from service.usecases.robots import Device, Followed, Progress, Vehicle
 
 Group = Annotated[str, Field(pattern=r"^[a-z0-9][a-z0-9-]{0,39}$")]
 """A group's name: small letters, digits and hyphens."""
+
+
+_Level = Annotated[str, Field(min_length=1, max_length=100, pattern=r"^[^/+#$\x00-\x20][^/+#\x00-\x1f]*$")]
+"""What can be a level of an MQTT topic."""
+
+
+class VehicleIn(Input):
+    """How a robot is named on an MQTT broker, where it speaks VDA 5050."""
+
+    manufacturer: _Level
+    serial_number: _Level
 
 
 class RobotIn(Input):
@@ -23,6 +34,14 @@ class RobotIn(Input):
     map_id: Identifier
     channel: Channel = "stable"
     group: Group | None = None
+    vehicle: VehicleIn | None = Field(
+        None, description="Its name on the MQTT broker, where it speaks VDA 5050: then it needs no client."
+    )
+
+    def device(self) -> Device:
+        """Return what is to be enrolled."""
+        vehicle = None if self.vehicle is None else Vehicle(**self.vehicle.model_dump())
+        return Device(self.name, self.map_id, self.channel, self.group, vehicle)
 
 
 class RobotChangeIn(Input):
@@ -46,6 +65,8 @@ class RobotOut(Output):
     map_id: str
     channel: str
     group: str | None
+    manufacturer: str | None = Field(description="With `serial_number` its name on the MQTT broker.")
+    serial_number: str | None
     key_id: str
     created_at: datetime
     wanted_revision: int | None = Field(description="What its channel points to.")
@@ -102,6 +123,8 @@ def _fields(followed: Followed) -> dict[str, object]:
         "map_id": robot.map_id,
         "channel": robot.channel,
         "group": robot.group_name,
+        "manufacturer": robot.manufacturer,
+        "serial_number": robot.serial_number,
         "key_id": robot.key_id,
         "created_at": robot.created_at,
         "wanted_revision": followed.wanted_n,

@@ -1,0 +1,115 @@
+"""The process of `groundplan vda5050`: read the settings, stay with the broker, look twice a second."""
+
+from __future__ import annotations
+
+import secrets
+import signal
+import sys
+import threading
+from datetime import UTC, datetime
+from urllib.parse import unquote, urlsplit
+
+import structlog
+from paho.mqtt.client import Client, ConnectFlags, MQTTMessage
+from paho.mqtt.enums import CallbackAPIVersion
+from paho.mqtt.properties import Properties
+from paho.mqtt.reasoncodes import ReasonCode
+from pydantic import ValidationError
+
+from service import logs
+from service.db.session import Database, open_engine
+from service.domain.errors import DatabaseBusy
+from service.settings import Settings
+from service.storage.local import LocalBlobStore
+from service.usecases.kernel import Kernel
+from worker.vda5050.bridge import Bridge
+
+_LOOK_EVERY_S = 0.5
+_PORTS = {"mqtt": 1883, "mqtts": 8883}
+_AT_LEAST_ONCE = 1
+
+log = structlog.get_logger(__name__)
+
+
+def main() -> int:
+    """Bridge until told to stop, and return the exit status: 0 then, 1 when a setting is missing."""
+    try:
+        settings = Settings()
+    except ValidationError as error:
+        return _refuse(f"a setting is wrong: {error.errors()[0]['msg']}")
+    if settings.mqtt_url is None or settings.public_url is None:
+        return _refuse("set GROUNDPLAN_MQTT_URL, and GROUNDPLAN_PUBLIC_URL, where vehicles fetch their maps")
+    broker = urlsplit(settings.mqtt_url.get_secret_value())
+    if broker.scheme not in _PORTS or not broker.hostname:
+        return _refuse("GROUNDPLAN_MQTT_URL has to be mqtt://host[:port] or mqtts://host[:port]")
+    logs.configure(level=settings.log_level)
+    kernel = Kernel(
+        db=Database(open_engine(settings.url())),
+        blobs=LocalBlobStore(settings.data_dir),
+        now=lambda: datetime.now(UTC),
+        entropy=secrets.token_bytes,
+    )
+    client = Client(CallbackAPIVersion.VERSION2, client_id="groundplan-vda5050")
+    bridge = Bridge(
+        kernel,
+        send=lambda topic, payload: _send(client, topic, payload),
+        base_url=settings.public_url,
+    )
+    _listen(client, bridge, interface=settings.mqtt_interface)
+    if broker.username:
+        client.username_pw_set(unquote(broker.username), unquote(broker.password or ""))
+    if broker.scheme == "mqtts":
+        client.tls_set()
+    stopping = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda _signal, _frame: stopping.set())
+    client.reconnect_delay_set(min_delay=1, max_delay=30)
+    client.connect_async(broker.hostname, broker.port or _PORTS[broker.scheme])
+    client.loop_start()
+    try:
+        _look_until(stopping, bridge)
+    finally:
+        client.disconnect()
+        client.loop_stop()
+        kernel.db.close()
+    return 0
+
+
+def _look_until(stopping: threading.Event, bridge: Bridge) -> None:
+    while not stopping.wait(_LOOK_EVERY_S):
+        try:
+            bridge.look()
+        except DatabaseBusy as busy:
+            log.warning("the database did not answer", cause=busy.members.get("cause"))
+
+
+def _listen(client: Client, bridge: Bridge, *, interface: str) -> None:
+    """Let the bridge hear every vehicle of the interface, whatever version it speaks."""
+
+    def connected(
+        _client: Client, _data: object, _flags: ConnectFlags, reason: ReasonCode, _more: Properties | None
+    ) -> None:
+        if reason.is_failure:
+            log.warning("the broker refuses", reason=str(reason))
+            return
+        log.info("connected to the broker")
+        client.subscribe([(f"{interface}/+/+/+/{name}", _AT_LEAST_ONCE) for name in ("state", "connection")])
+
+    def heard(_client: Client, _data: object, message: MQTTMessage) -> None:
+        bridge.hear(message.topic, bytes(message.payload))
+
+    client.on_connect = connected
+    client.on_message = heard
+
+
+def _send(client: Client, topic: str, payload: bytes) -> None:
+    client.publish(topic, payload, qos=_AT_LEAST_ONCE)
+
+
+def _refuse(why: str) -> int:
+    sys.stderr.write(f"groundplan vda5050: {why}\n")
+    return 1
+
+
+if __name__ == "__main__":
+    sys.exit(main())
