@@ -119,15 +119,36 @@ class NeighbourGrid:
             )  # fmt: skip
         return distance, np.where(found >= 0, self.index[found], -1)
 
-    def spreads(self, *, neighbours: int) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def spreads(
+        self,
+        *,
+        neighbours: int,
+        left_out: NDArray[np.bool_] | None = None,
+        looks: NDArray[np.float64] | None = None,
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """Return eigenvalues (M, 3), ascending, and vectors (M, 3, 3) of each point's nearest, it included.
 
         They are those of the sum of squares about the neighbours' mean, in the order of the points as given.
+
+        Parameters
+        ----------
+        neighbours : int
+            How many.
+        left_out : ndarray of shape (M, 2), bool, optional
+            Points that are none to a point that looks along their normal, and to one that looks against it.
+        looks : ndarray of shape (M, 3), optional
+            Which way each point looks; needed with `left_out`.
+
+        Notes
+        -----
+        A point that finds fewer has a spread of those.
         """
+        out = np.zeros((1, 2), dtype=np.bool_) if left_out is None else left_out[self.index]
+        ways = np.zeros((1, 3)) if looks is None else looks[self.index]
         with _threads_for(len(self.points)):
             values, vectors = _spreads(
                 self.points, self.index, self.starts, self.low, self.shape, self.cell,
-                min(neighbours, len(self.points)),
+                min(neighbours, len(self.points)), (self.normals, ways, out),
             )  # fmt: skip
         return values, vectors
 
@@ -260,12 +281,16 @@ def _spreads(
     shape: tuple[int, int, int],
     cell: float,
     count: int,
+    sides: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return eigenvalues and vectors of the spread of each point's nearest."""
+    """Return eigenvalues and vectors of the spread of each point's nearest.
+
+    Sides are normals, looks and who is left out on which side of a normal; of one row where none is.
+    """
     values, vectors = np.zeros((len(points), 3)), np.zeros((len(points), 3, 3))
     for n in prange(len(points)):
-        rows, squares = np.zeros(count, dtype=np.int64), np.full(count, np.inf)
-        _neighbours(n, points, starts, low, shape, cell, rows, squares)
+        rows, squares = np.full(count, -1, dtype=np.int64), np.full(count, np.inf)
+        _neighbours(n, points, starts, low, shape, cell, rows, squares, sides)
         spread = np.zeros(6)
         _spread_of(points, rows, spread)
         eigen(spread, values[index[n]], vectors[index[n]])
@@ -273,7 +298,7 @@ def _spreads(
 
 
 @njit(cache=True)
-def _neighbours(
+def _neighbours(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     n: int,
     points: NDArray[np.float64],
     starts: NDArray[np.int32],
@@ -282,9 +307,12 @@ def _neighbours(
     cell: float,
     rows: NDArray[np.int64],
     squares: NDArray[np.float64],
+    sides: tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]],
 ) -> None:
     """Write the rows of a point's nearest, and their squared distances, ascending."""
     x, y, z, most = points[n, 0], points[n, 1], points[n, 2], len(rows) - 1
+    normals, looks, left_out = sides
+    sided = len(looks) == len(points)
     ci = min(int((x - low[0]) / cell), shape[0] - 1)
     cj = min(int((y - low[1]) / cell), shape[1] - 1)
     ck = min(int((z - low[2]) / cell), shape[2] - 1)
@@ -300,12 +328,8 @@ def _neighbours(
                     for m in range(starts[c], starts[c + 1]):
                         dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
                         d = dx * dx + dy * dy + dz * dz
-                        if d < squares[most]:
-                            at = most
-                            while at > 0 and squares[at - 1] > d:
-                                squares[at], rows[at] = squares[at - 1], rows[at - 1]
-                                at -= 1
-                            squares[at], rows[at] = d, m
+                        if d < squares[most] and not (sided and _is_left_out(m, n, normals, looks, left_out)):
+                            _put(rows, squares, m, d)
         clear = _clear(x, low[0], cell, ci, ring, shape[0])
         clear = min(clear, _clear(y, low[1], cell, cj, ring, shape[1]))
         clear = min(clear, _clear(z, low[2], cell, ck, ring, shape[2]))
@@ -314,18 +338,41 @@ def _neighbours(
         ring += 1
 
 
+@njit(cache=True, inline="always")
+def _is_left_out(
+    m: int, n: int, normals: NDArray[np.float64], looks: NDArray[np.float64], left_out: NDArray[np.bool_]
+) -> bool:
+    """Return whether a point is none to another, seen from the side to which that one looks."""
+    along = normals[m, 0] * looks[n, 0] + normals[m, 1] * looks[n, 1] + normals[m, 2] * looks[n, 2]
+    return bool(left_out[m, 0 if along >= 0.0 else 1])
+
+
+@njit(cache=True)
+def _put(rows: NDArray[np.int64], squares: NDArray[np.float64], row: int, square: float) -> None:
+    """Put a row among the nearest, which are ascending; the last one goes."""
+    at = len(rows) - 1
+    while at > 0 and squares[at - 1] > square:
+        squares[at], rows[at] = squares[at - 1], rows[at - 1]
+        at -= 1
+    squares[at], rows[at] = square, row
+
+
 @njit(cache=True)
 def _spread_of(points: NDArray[np.float64], rows: NDArray[np.int64], spread: NDArray[np.float64]) -> None:
-    """Write xx, xy, xz, yy, yz, zz of the sum of squares of some points about their mean."""
-    x = y = z = 0.0
+    """Write xx, xy, xz, yy, yz, zz of the squares of some points about their mean; rows -1 are none."""
+    x, y, z, count = 0.0, 0.0, 0.0, 0
     for m in rows:
-        x, y, z = x + points[m, 0], y + points[m, 1], z + points[m, 2]
-    x, y, z = x / len(rows), y / len(rows), z / len(rows)
+        if m >= 0:
+            x, y, z, count = x + points[m, 0], y + points[m, 1], z + points[m, 2], count + 1
+    if count == 0:
+        return
+    x, y, z = x / count, y / count, z / count
     for m in rows:
-        dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
-        spread[0] += dx * dx
-        spread[1] += dx * dy
-        spread[2] += dx * dz
-        spread[3] += dy * dy
-        spread[4] += dy * dz
-        spread[5] += dz * dz
+        if m >= 0:
+            dx, dy, dz = points[m, 0] - x, points[m, 1] - y, points[m, 2] - z
+            spread[0] += dx * dx
+            spread[1] += dx * dy
+            spread[2] += dx * dz
+            spread[3] += dy * dy
+            spread[4] += dy * dz
+            spread[5] += dz * dz

@@ -15,6 +15,7 @@ from service.domain.layer_part import REFERENCE, TARGET
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.registration import measure
+from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.evidence import Found, gather_evidence, look_at
 from worker.geometry.registration.prepare import prepare_scan
 from worker.geometry.registration.problem import Problem
@@ -22,17 +23,19 @@ from worker.geometry.registration.refine import refine_to_surfaces
 from worker.geometry.registration.search import Region, search
 from worker.geometry.registration.starts import End, ends_of, merge_ends, start_poses
 from worker.geometry.registration.structure import level_shift
-from worker.geometry.registration.surfaces import Surfaces
+from worker.geometry.registration.surfaces import Surfaces, estimate_normals
 from worker.geometry.registration.target import PlacementTarget
 
 Progress = Callable[[str, float], None]
 
 _MOST_CANDIDATES = 6
-_WORTH, _HOPELESS = 0.7, 0.5
+_WORTH, _HOPELESS, _RIVAL = 0.7, 0.5, 0.3
+_NEAR, _NEAR_TURN = 0.25, np.deg2rad(3.0)
 _ROUGH_RADIUS, _ROUGH_TURN = 3.2, np.deg2rad(48.0)
 _HELD = 1.4
 _LEAST_STRUCTURE = 12
 _BATCH = 200_000
+_LEVEL_STEP = 0.2
 
 
 @dataclass(frozen=True, eq=False)
@@ -178,9 +181,8 @@ def _height(problem: Problem, initial: Transform | None) -> float:
     if target.kind == "cloud":
         if initial is not None:
             return float(initial.translation[2])
-        middle = target.points.mean(axis=0)
-        around = target.around(middle, np.inf, eye=middle)
-        return level_shift(scan.fine, scan.normals, onto=around.points, onto_normals=around.normals)
+        points = cell_moments(target.points, _LEVEL_STEP).means
+        return level_shift(scan.fine, scan.normals, onto=points, onto_normals=estimate_normals(points)[0])
     if scan.floor is not None:
         return -scan.floor
     if initial is not None:
@@ -189,14 +191,22 @@ def _height(problem: Problem, initial: Transform | None) -> float:
 
 
 def _refine_ends(problem: Problem, ends: list[End], tell: Progress) -> list[Found]:
-    """Return the ends refined, made distinct again, the best first; those without hope are left out."""
+    """Return the ends refined, made distinct again, the best first; those without hope are left out.
+
+    Ends nearer than half the reach of the refinement come to the same pose: one of them is enough.
+    """
+    ends = merge_ends(ends, problem.scan.middle, apart=_NEAR, turned=_NEAR_TURN)
     moved = []
     for done, end in enumerate(ends):
         tell("refine", 0.6 + 0.15 * done / len(ends))
         moved.append(_refine(problem, end, thorough=False))
     distinct = merge_ends(moved, problem.scan.middle)
-    least = max(end.score for end in distinct) - _HOPELESS
-    finished = [_refine(problem, end, thorough=True) for end in distinct if end.score >= least]
+    best = max(end.score for end in distinct)
+    finished = [
+        _refine(problem, end, thorough=True) if end.score >= best - _RIVAL else end
+        for end in distinct
+        if end.score >= best - _HOPELESS
+    ]
     found = [look_at(problem, end) for end in merge_ends(finished, problem.scan.middle)]
     return sorted(found, key=lambda f: -f.score)[:_MOST_CANDIDATES]
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -73,21 +73,16 @@ def refine_to_surfaces(
     rounds = _ON_COARSE if surfaces.coarse else _ROUNDS
     some = slice(None, None, 1 + len(points) // _ROUGH_POINTS)
     for nth, (reach, steps) in enumerate(rounds if thorough else rounds[:-1]):
+        unknowns = np.array(LEVELLED if surfaces.coarse or nth < _LEVELLED_ROUNDS else ALL_SIX)
+        few = _Fit(points[some], normals[some], surfaces, reach, unknowns)
         last = nth == len(rounds) - 1
-        used = slice(None) if last else some
-        fit = _Fit(
-            points[used],
-            normals[used],
-            surfaces,
-            reach,
-            np.array(LEVELLED if surfaces.coarse or nth < _LEVELLED_ROUNDS else ALL_SIX),
-        )
-        starts = _starts(fit, done.T_map_scan.matrix, last=last)
-        ends = [_descend(fit, start, steps, tolerance) for start in starts]
-        best = (
-            ends[0] if len(ends) == 1 else max(ends, key=lambda end: _agreement(fit, end.T_map_scan.matrix))
-        )
-        done = Refined(best.T_map_scan, best.converged, done.iterations + sum(e.iterations for e in ends))
+        if last and surfaces.coarse:
+            ends = [_descend(few, start, steps, tolerance) for start in _turned(few, done.T_map_scan.matrix)]
+            best = max(ends, key=lambda end: _agreement(few, end.T_map_scan.matrix))
+            done = Refined(best.T_map_scan, False, done.iterations + sum(end.iterations for end in ends))
+        fit = replace(few, points=points, normals=normals) if last else few
+        end = _descend(fit, done.T_map_scan.matrix, steps, tolerance)
+        done = Refined(end.T_map_scan, end.converged, done.iterations + end.iterations)
     return done
 
 
@@ -114,10 +109,8 @@ class _Fit:
         return placed[found], distance[found], plane[found], (1.0 - (distance[found] / self.reach) ** 2) ** 2
 
 
-def _starts(fit: _Fit, pose: NDArray[np.float64], *, last: bool) -> list[NDArray[np.float64]]:
-    """Return where a round begins: on coarse surfaces the last one also a degree or two to each side."""
-    if not (last and fit.surfaces.coarse):
-        return [pose]
+def _turned(fit: _Fit, pose: NDArray[np.float64]) -> list[NDArray[np.float64]]:
+    """Return a pose and others a degree or two to each side of it."""
     centre = pose[:3, :3] @ fit.points.mean(axis=0) + pose[:3, 3]
     return [motion(np.array([0.0, 0.0, 0.0, 0.0, 0.0, turn]), centre) @ pose for turn in _TURNS]
 

@@ -83,7 +83,13 @@ def ends_of(
     return merge_ends(ends, points.mean(axis=0))
 
 
-def merge_ends(ends: Sequence[End], middle: NDArray[np.float64]) -> list[End]:
+def merge_ends(
+    ends: Sequence[End],
+    middle: NDArray[np.float64],
+    *,
+    apart: float = SAME_DISTANCE,
+    turned: float = SAME_TURN,
+) -> list[End]:
     """Return the ends with those that are one pose made one, the best score first.
 
     Parameters
@@ -92,12 +98,14 @@ def merge_ends(ends: Sequence[End], middle: NDArray[np.float64]) -> list[End]:
         In any order.
     middle : ndarray of shape (3,), float64
         The scan's middle in its own frame: poses are compared by where they put it [m].
+    apart, turned : float
+        Nearer than this two are one [m], [rad].
     """
     distinct: list[End] = []
     for end in sorted(ends, key=lambda e: -e.score):
         for k, kept in enumerate(distinct):
-            apart, turn = apart_at(kept.T_map_scan, end.T_map_scan, middle)
-            if apart < SAME_DISTANCE and turn < SAME_TURN:
+            off, turn = apart_at(kept.T_map_scan, end.T_map_scan, middle)
+            if off < apart and turn < turned:
                 distinct[k] = End(
                     kept.T_map_scan, kept.score, kept.starts + end.starts, kept.converged,
                     kept.iterations + end.iterations,

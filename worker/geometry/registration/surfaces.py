@@ -12,7 +12,8 @@ from scipy.spatial import KDTree
 from worker.geometry.registration.neighbours import NeighbourGrid
 
 _SIDE_WEIGHT = 0.5
-_NEIGHBOURS = 12
+NEIGHBOURS = 12
+"""Points whose spread tells a surface's direction."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -103,7 +104,7 @@ def estimate_normals(
     tuple
         Normals (N, 3), flat (N,): the neighbours' least extent is under a third of the middle one.
     """
-    values, vectors = NeighbourGrid.with_cells_of_some(points).spreads(neighbours=_NEIGHBOURS)
+    values, vectors = NeighbourGrid.with_cells_of_some(points).spreads(neighbours=NEIGHBOURS)
     normals = np.ascontiguousarray(vectors[:, :, 0])
     if towards is not None:
         away = np.sum((towards - points) * normals, axis=1) < 0.0

@@ -11,10 +11,10 @@ from numpy.typing import NDArray
 
 from service.domain.errors import FileEmpty
 from service.domain.evidence import MapKind
-from worker.geometry.cloud.voxel_grid import voxel_grid_filter
 from worker.geometry.drawing.reading.reading import Column, Wall
+from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.cloud_outline import CloudOutline
-from worker.geometry.registration.cloud_surfaces import seen_surfaces
+from worker.geometry.registration.cloud_surfaces import CloudSurfaces
 from worker.geometry.registration.faces import Faces
 from worker.geometry.registration.search import Outline
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
@@ -101,6 +101,11 @@ class PlacementTarget:
         """Return the walls seen from above, for a placement search."""
         return self.faces if self.faces is not None else CloudOutline.of(self.points)
 
+    @cached_property
+    def cloud_surfaces(self) -> CloudSurfaces:
+        """Return the surfaces of the cloud, found where they are asked for."""
+        return CloudSurfaces.of(self.points)
+
     def near(self, centre: NDArray[np.float64], radius: float) -> NDArray[np.float64]:
         """Return the (K, 3) points of the cloud within `radius` [m] of `centre` (3,), seen from above."""
         inside = np.sum((self.points[:, :2] - centre[:2]) ** 2, axis=1) < radius**2
@@ -146,7 +151,7 @@ class PlacementTarget:
         where no ceiling is known they go on up to `top` [m].
         """
         if self.faces is None:
-            return seen_surfaces(self.near(centre, radius), eye)
+            return self.cloud_surfaces.around(centre, radius, eye=eye)
         cloud = _cloud_surfaces(self.near(centre, radius))
         height = self.wall_height if self.ceiling else max(self.wall_height, top)
         parts = [
@@ -163,7 +168,7 @@ def _cloud_surfaces(points: NDArray[np.float64]) -> Surfaces:
     """Return a thinned cloud with normals from its neighbours; zero where they are no surface."""
     if len(points) < 3:
         return Surfaces(points, np.zeros_like(points), sided=False)
-    thinned = voxel_grid_filter(points, _CLOUD_STEP)
+    thinned = cell_moments(points, _CLOUD_STEP).means
     normals, _ = estimate_normals(thinned)
     return Surfaces(thinned, normals, sided=False)
 
