@@ -24,6 +24,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "accept-placement",
         "publish",
         "ask-delta",
+        "ask-export",
         "ask-comparison",
         "rebuild-revision",
         "decide-proposal",
@@ -61,6 +62,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "record-comparison",
         "record-rebuild",
         "record-deliveries",
+        "record-export",
     }
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""

@@ -14,6 +14,7 @@ from worker.geometry.drawing.scale.decision import given
 from worker.handlers.build_revision import build_revision, rebuild_revision
 from worker.handlers.compare_revisions import compare_revisions
 from worker.handlers.deliver_webhooks import deliver_webhooks
+from worker.handlers.export_cloud import export_cloud
 from worker.handlers.make_delta import make_delta
 from worker.handlers.place_scan import place_scan
 from worker.handlers.read_drawing import read_drawing
@@ -27,6 +28,7 @@ HANDLERS: Mapping[JobKind, Callable[[JobContext], None]] = {
     JobKind.MAKE_DELTA: make_delta,
     JobKind.COMPARE_REVISIONS: compare_revisions,
     JobKind.REBUILD_REVISION: rebuild_revision,
+    JobKind.EXPORT_CLOUD: export_cloud,
     JobKind.DELIVER_WEBHOOKS: deliver_webhooks,
 }
 

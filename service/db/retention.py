@@ -10,6 +10,7 @@ from sqlalchemy.orm import Session
 
 from service.db.comparisons import Comparison
 from service.db.deltas import Delta
+from service.db.exports import Export
 from service.db.models import Artifact, Base, Blob, Channel, Job, Placement, Publication, Revision
 from service.db.robots import Robot
 from service.db.rollouts import under_way
@@ -69,13 +70,16 @@ def _uses(map_id: str) -> list[ColumnElement[bool]]:
 
 
 def prune(session: Session, revision: Revision, *, now: datetime) -> list[str]:
-    """Take a revision's files off, with the deltas and comparisons of them; return the blobs they named."""
+    """Take a revision's files off, with deltas, exports and comparisons; return the blobs that they named."""
     files = session.scalars(select(Artifact.sha256).where(Artifact.revision_id == revision.id)).all()
     gone = set(files)
     old_deltas = or_(Delta.from_sha256.in_(gone), Delta.to_sha256.in_(gone))
     of_revision = or_(Comparison.from_revision_id == revision.id, Comparison.to_revision_id == revision.id)
     gone |= {sha for sha in session.scalars(select(Delta.sha256).where(old_deltas)) if sha}
     gone |= {sha for sha in session.scalars(select(Comparison.picture_sha256).where(of_revision)) if sha}
+    exports = Export.revision_id == revision.id
+    gone |= {sha for sha in session.scalars(select(Export.sha256).where(exports)) if sha}
+    session.execute(delete(Export).where(exports))
     session.execute(delete(Delta).where(old_deltas))
     session.execute(delete(Comparison).where(of_revision))
     session.execute(delete(Artifact).where(Artifact.revision_id == revision.id))

@@ -576,6 +576,15 @@ class DeltaNotReady(Unavailable):
     title = "The delta is not ready"
 
 
+class ExportNotReady(Unavailable):
+    """The export is being made, or could not be made; `job_id` names its job.
+
+    Ask again after the `Retry-After` seconds, or look at the job's problem.
+    """
+
+    title = "The export is not ready"
+
+
 class NotReady(Unavailable):
     """The service is up, but something that it needs is not; `checks` tells what."""
 

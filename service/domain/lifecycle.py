@@ -15,6 +15,7 @@ class JobKind(StrEnum):
     MAKE_DELTA = "make-delta"
     COMPARE_REVISIONS = "compare-revisions"
     REBUILD_REVISION = "rebuild-revision"
+    EXPORT_CLOUD = "export-cloud"
     DELIVER_WEBHOOKS = "deliver-webhooks"
 
 
@@ -56,6 +57,13 @@ class RobotState(StrEnum):
     VERIFIED = "verified"
     ENABLED = "enabled"
     FAILED = "failed"
+
+
+class ExportFormat(StrEnum):
+    """What a revision's cloud can be exported as, beside the PCD that it always has."""
+
+    LAZ = "laz"
+    PLY = "ply"
 
 
 class Role(StrEnum):
