@@ -44,6 +44,7 @@ from service.api.routes import (
     rollouts,
     scans,
     search,
+    session,
     tus,
     webhooks,
 )
@@ -60,6 +61,7 @@ from service.usecases.dispatch_webhooks import dispatch_webhooks
 from service.usecases.kernel import Kernel
 from service.usecases.stats import Figures
 from service.usecases.sweep_storage import sweep_storage
+from service.web import pages
 
 _ROUTERS = (
     maps.router,
@@ -81,8 +83,10 @@ _ROUTERS = (
     webhooks.router,
     jobs.router,
     keys.router,
+    session.router,
     health.router,
     problem_pages.router,
+    pages.router,
 )
 
 

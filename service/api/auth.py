@@ -1,14 +1,20 @@
-"""Bearer keys: who asks, checked on every request against the database."""
+"""Keys, sent as bearer or in a browser's session cookie: who asks, checked on every request.
+
+A browser sends its cookies for the requests of foreign pages, too. SameSite=Strict stops that in browsers
+of today; and no change is made for a cookie without the header `X-Groundplan-Session`, which a form cannot
+send at all and a foreign script only after asking this service, which never agrees.
+"""
 
 from __future__ import annotations
 
 from typing import Annotated
 
-from fastapi import Depends
-from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
+from fastapi import Depends, Request
+from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
 
 from service.api.deps import KernelDep
 from service.domain.access import Actor
+from service.domain.errors import OriginNotProven
 from service.domain.lifecycle import Role
 from service.usecases.keys import authenticate
 
@@ -18,7 +24,42 @@ _bearer = HTTPBearer(
     description="An API key `gp_...` of the role tablet, robot or admin, limited to some maps or not.",
 )
 
-Presented = Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)]
+SESSION_COOKIE = "groundplan_session"
+SESSION_HEADER = "X-Groundplan-Session"
+_HARMLESS = {"GET", "HEAD", "OPTIONS"}
+
+_cookie = APIKeyCookie(
+    name=SESSION_COOKIE,
+    auto_error=False,
+    scheme_name="session",
+    description=f"The key of a browser that signed in; changes need the header `{SESSION_HEADER}`, too.",
+)
+
+
+def require_own_page(request: Request) -> None:
+    """Pass when the request was not sent by a foreign page.
+
+    Raises
+    ------
+    OriginNotProven
+        If it would change something and lacks the header that only our own page can send.
+    """
+    if request.method not in _HARMLESS and SESSION_HEADER not in request.headers:
+        raise OriginNotProven(f"A session's {request.method} needs the header `{SESSION_HEADER}: 1`.")
+
+
+def _presented(
+    request: Request,
+    bearer: Annotated[HTTPAuthorizationCredentials | None, Depends(_bearer)],
+    cookie: Annotated[str | None, Depends(_cookie)],
+) -> HTTPAuthorizationCredentials | None:
+    if bearer is not None or cookie is None:
+        return bearer
+    require_own_page(request)
+    return HTTPAuthorizationCredentials(scheme="Bearer", credentials=cookie)
+
+
+Presented = Annotated[HTTPAuthorizationCredentials | None, Depends(_presented)]
 """The key as it was sent."""
 
 

@@ -4,10 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta
 from typing import Any, Literal
 
-from sqlalchemy import ColumnElement, func, select
+from sqlalchemy import Integer, String, and_, column, func, literal, select, values
 from sqlalchemy.orm import Session
 
 from service.db.models import Drawing, Job, Placement, Revision, Scan
@@ -17,7 +17,7 @@ from service.domain.ids import first_id_at
 Bucket = Literal["hour", "day"]
 Counted = Literal["jobs", "drawings", "scans", "placements", "revisions", "reports"]
 
-_FORMATS = {"hour": "%Y-%m-%dT%H:00:00+00:00", "day": "%Y-%m-%dT00:00:00+00:00"}
+_STEPS = {"hour": timedelta(hours=1), "day": timedelta(days=1)}
 
 
 @dataclass(frozen=True)
@@ -29,44 +29,51 @@ class Point:
     number: int
 
 
-_TABLES: dict[str, tuple[Any, str, str, Any]] = {
-    "jobs": (Job, "job", "created_at", Job.state),
-    "drawings": (Drawing, "drw", "created_at", None),
-    "scans": (Scan, "scn", "created_at", None),
-    "placements": (Placement, "plc", "created_at", Placement.verdict),
-    "revisions": (Revision, "rev", "created_at", Revision.status),
-    "reports": (RobotReport, "rep", "at", RobotReport.state),
+_TABLES: dict[str, tuple[Any, str, Any]] = {
+    "jobs": (Job, "job", Job.state),
+    "drawings": (Drawing, "drw", literal(None)),
+    "scans": (Scan, "scn", literal(None)),
+    "placements": (Placement, "plc", Placement.verdict),
+    "revisions": (Revision, "rev", Revision.status),
+    "reports": (RobotReport, "rep", RobotReport.state),
 }
 
 
 def series(
-    session: Session,
-    what: Counted,
-    *,
-    bucket: Bucket,
-    period: tuple[datetime, datetime],
+    session: Session, what: Counted, *, bucket: Bucket, period: tuple[datetime, datetime]
 ) -> Sequence[Point]:
-    """Return the counts of each hour or day in which something was made, oldest first, by state.
+    """Return the counts of each hour or day (UTC) in which something was made, oldest first, by state.
 
-    The table's ids sort by time, so that only the period's rows are read.
+    Ids sort by time: each hour or day is a range of the primary key, and nothing outside the period is read.
     """
-    table, prefix, column, state = _TABLES[what]
-    at = _bucket(session, getattr(table, column), bucket)
-    columns = [at, *([] if state is None else [state]), func.count()]
-    since, until = period
-    query = select(*columns).where(
-        table.id >= first_id_at(prefix, since), table.id < first_id_at(prefix, until)
+    table, prefix, state = _TABLES[what]
+    begins = _begins(bucket, period)
+    ends = [*begins[1:], period[1]]
+    ranges = (
+        values(column("number", Integer), column("low", String), column("high", String), name="ranges")
+        .data(
+            [
+                (number, first_id_at(prefix, max(begin, period[0])), first_id_at(prefix, end))
+                for number, (begin, end) in enumerate(zip(begins, ends, strict=True))
+            ]
+        )
+        .cte("ranges")
     )
-    rows = session.execute(query.group_by(*columns[:-1]).order_by(*columns[:-1])).all()
-    return [Point(_moment(row[0]), None if state is None else row[1], row[-1]) for row in rows]
+    of_range = and_(table.id >= ranges.c.low, table.id < ranges.c.high)
+    query = select(ranges.c.number, state, func.count()).join(table, of_range)
+    rows = session.execute(query.group_by(ranges.c.number, state)).all()
+    found = sorted((number, told or "", told, count) for number, told, count in rows)
+    return [Point(begins[number], told, count) for number, _, told, count in found]
 
 
-def _bucket(session: Session, column: Any, bucket: Bucket) -> ColumnElement[Any]:
-    if session.get_bind().dialect.name == "postgresql":
-        return func.date_trunc(bucket, column, "UTC")
-    return func.strftime(_FORMATS[bucket], column)
-
-
-def _moment(value: Any) -> datetime:
-    found = datetime.fromisoformat(value) if isinstance(value, str) else value
-    return found.astimezone(UTC)
+def _begins(bucket: Bucket, period: tuple[datetime, datetime]) -> list[datetime]:
+    """Return when each hour or day that meets the period begins."""
+    since, until = (moment.astimezone(UTC) for moment in period)
+    begin = since.replace(minute=0, second=0, microsecond=0)
+    if bucket == "day":
+        begin = begin.replace(hour=0)
+    begins = []
+    while begin < until:
+        begins.append(begin)
+        begin += _STEPS[bucket]
+    return begins

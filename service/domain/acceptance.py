@@ -46,6 +46,12 @@ class AcceptancePolicy:
         walls. Of wrong poses next to none is so.
     closed_inlier_share, closed_share_of_all, closed_residual_m, closed_sensitivity_m, closed_rival : float
         What is asked there in place of the other limits; a rival explains this much of what the pose does.
+    furnished_inlier_share : float
+        What is asked of the structure where walls of the map close the room in one direction, a third one
+        holds the other, and what is left over are objects that hide walls, standing freely in the room.
+    furnished_undrawn_share, furnished_share_at_top : float
+        They are objects where no more than this of the structure stands on one plane, and at least this share
+        of what reaches the top is on the map. Left-over walls of wrong poses never are.
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
         a pose that leaves structure unexplained, half of that more is asked.
@@ -75,6 +81,9 @@ class AcceptancePolicy:
     closed_residual_m: float = 0.04
     closed_sensitivity_m: float = 0.06
     closed_rival: float = 0.7
+    furnished_inlier_share: float = 0.65
+    furnished_undrawn_share: float = 0.07
+    furnished_share_at_top: float = 0.965
     runner_up_margin: float = 0.1
     free_rival_margin: float = 0.2
     contradiction_weight: float = 2.0
@@ -137,6 +146,19 @@ def _closed(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
     )
 
 
+def _furnished(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
+    """Return whether three walls of the map hold the scan, and what is left over are objects among them."""
+    return (
+        e.map_kind == "faces"
+        and e.closed_directions >= 1
+        and e.upright_surfaces >= policy.least_upright_surfaces
+        and e.contradicted_share <= policy.largest_contradicted_share
+        and e.astray_share <= policy.closed_astray_share
+        and e.undrawn_wall_share <= policy.furnished_undrawn_share
+        and e.explained_share_at_top >= policy.furnished_share_at_top
+    )
+
+
 def _alone(e: PlacementEvidence) -> str:
     """Return what was done to find another pose that fits."""
     if e.starts:
@@ -165,6 +187,8 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
         doubts.append("The placement had not come to rest when its iterations ran out.")
     faces, closed = e.map_kind == "faces", _closed(e, policy)
     expected = policy.accepted_inlier_share if faces else policy.accepted_inlier_share_on_cloud
+    if _furnished(e, policy):
+        expected = policy.furnished_inlier_share
     expected = policy.closed_inlier_share if closed else expected
     expected_of_all = policy.closed_share_of_all if closed else policy.accepted_share_of_all
     if e.inlier_share_of_structure < expected:
@@ -215,6 +239,7 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
     """Return what leaves room for another pose."""
     doubts = []
     closed = _closed(e, policy)
+    held = closed or _furnished(e, policy)
     if e.weak_directions:
         doubts.append(f"What was scanned does not hold the pose in: {', '.join(e.weak_directions)}.")
     if e.upright_surfaces < policy.least_upright_surfaces and not closed:
@@ -223,7 +248,7 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
             f"{policy.least_upright_surfaces} another corner fits as well. Scan a third wall."
         )
     if not e.position_sensitivity_m <= (
-        policy.closed_sensitivity_m if closed else policy.largest_sensitivity_m
+        policy.closed_sensitivity_m if held else policy.largest_sensitivity_m
     ):
         doubts.append(
             "The walls seen hold the position from too few sides: "

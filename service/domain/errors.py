@@ -92,6 +92,16 @@ class Forbidden(Denied):
     title = "The key does not allow this"
 
 
+class OriginNotProven(Denied):
+    """A change was asked for with a session cookie alone, which a browser also sends for foreign pages.
+
+    Send the header `X-Groundplan-Session: 1` with it, which no foreign page can, or use
+    `Authorization: Bearer gp_...` in place of the cookie.
+    """
+
+    title = "The request may come from a foreign page"
+
+
 class LinkNotValid(Denied):
     """The signed link was altered, has expired, or was signed with a key that is no longer valid.
 

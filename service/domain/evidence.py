@@ -66,6 +66,12 @@ class PlacementEvidence:
         Distinct upright planes of the map that the scan rests on; a corner has 2, three walls 3.
     closed_directions : int
         In how many directions two of them face each other, as opposite walls of a room do: 0, 1 or 2.
+    undrawn_wall_share : float
+        Largest share of the upright structure that stands on one upright plane without being on the map: a
+        wall that the map lacks, or has elsewhere. Goods on shelves stand on many planes. 0 on a cloud.
+    explained_share_at_top : float
+        Share of the upright points in the uppermost 40 cm that are on the map: walls reach the ceiling, and
+        what ends below it is an object. 1 on a cloud.
     poses_compared : int
         Poses that the placement search compared before the best were refined.
     starts, starts_agreeing : int
@@ -106,6 +112,8 @@ class PlacementEvidence:
     astray_share: float
     upright_surfaces: int
     closed_directions: int
+    undrawn_wall_share: float
+    explained_share_at_top: float
     poses_compared: int
     starts: int
     starts_agreeing: int

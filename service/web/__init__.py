@@ -1,1 +1,1 @@
-"""The dashboard's built files: a client of the public API with no private door."""
+"""The dashboard: files that are built from `app/` into `dist/`, and how a browser gets them."""

@@ -24,6 +24,8 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from service.db.retention import forget_blobs, prune
+from service.db.revisions import find_revision
 from service.settings import Settings
 from tests.server import ROOT, Server, start
 from tests.service.asking import a_map, ok, refused
@@ -248,6 +250,23 @@ def test_a_damaged_or_forgotten_map_is_fetched_whole(plant: Plant, tmp_path: Pat
     assert robot.run_once()
     assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
     assert robot.folder.held()["way"] == "whole"
+
+
+def test_a_robot_that_holds_a_revision_long_let_go_takes_the_tiles(plant: Plant, tmp_path: Path) -> None:
+    robot = plant.robot(tmp_path / "robot")
+    assert robot.run_once()
+    plant.publish(2)
+    kernel = plant.server.kernel
+    with kernel.db.writing("prune-revisions") as session:
+        revision = find_revision(session, plant.map_id, n=1)
+        assert revision is not None
+        forget_blobs(session, prune(session, revision, now=kernel.now()))
+    where = f"/v1/maps/{plant.map_id}/revisions/2"
+    for asked in ("delta?from=1", "changes?since=1"):
+        refused(plant.admin.get(f"{where}/{asked}"), 409, "revision-pruned")
+    assert robot.run_once()
+    assert robot.folder.held()["way"] == "tiles"
+    assert in_use(tmp_path / "robot") == sha256(plant.files[1][CLOUD])
 
 
 def test_whoever_opens_the_map_meanwhile_gets_one_or_the_other(plant: Plant, tmp_path: Path) -> None:

@@ -1,0 +1,104 @@
+/** The one way to the service: the public API, with the session cookie and its header. */
+import type { components } from "./schema";
+
+export type Schemas = components["schemas"];
+export type Job = Schemas["JobOut"];
+export type SiteMap = Schemas["MapOut"];
+export type Placement = Schemas["PlacementOut"];
+export type Scan = Schemas["ScanOut"];
+export type Drawing = Schemas["DrawingOut"];
+export type Revision = Schemas["RevisionOut"];
+export type Robot = Schemas["RobotOut"];
+export type Key = Schemas["KeyOut"];
+export type Session = Schemas["SessionOut"];
+export type Stats = Schemas["StatsOut"];
+export type AuditEntry = Schemas["AuditEntryOut"];
+export type Publication = Schemas["PublicationOut"];
+
+export interface Page<T> {
+  items: T[];
+  next_cursor: string | null;
+}
+
+/** A refusal of the service, in its own words. */
+export class Refused extends Error {
+  constructor(
+    readonly status: number,
+    readonly title: string,
+    readonly detail: string,
+    readonly type: string,
+    readonly members: Record<string, unknown> = {},
+  ) {
+    super(detail);
+  }
+}
+
+const OWN_PAGE = { "X-Groundplan-Session": "1" };
+
+async function refusalOf(answer: Response): Promise<Refused> {
+  try {
+    const problem = (await answer.json()) as Record<string, unknown>;
+    return new Refused(answer.status, String(problem.title), String(problem.detail), String(problem.type), problem);
+  } catch {
+    return new Refused(answer.status, answer.statusText || "HTTP", String(answer.status), "about:blank");
+  }
+}
+
+export async function send(method: string, path: string, init: RequestInit = {}): Promise<Response> {
+  const headers = { ...OWN_PAGE, ...(init.headers as Record<string, string> | undefined) };
+  const answer = await fetch(path, { ...init, method, headers, credentials: "same-origin" });
+  if (!answer.ok) throw await refusalOf(answer);
+  return answer;
+}
+
+async function ask<T>(method: string, path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> {
+  const init: RequestInit =
+    body === undefined
+      ? { headers }
+      : { headers: { "Content-Type": "application/json", ...headers }, body: JSON.stringify(body) };
+  const answer = await send(method, path, init);
+  return (answer.status === 204 ? undefined : await answer.json()) as T;
+}
+
+/** A name for one wish of the user: sent again, it has no second effect. */
+export function onceKey(): string {
+  return Array.from(crypto.getRandomValues(new Uint8Array(16)), (b) => b.toString(16).padStart(2, "0")).join("");
+}
+
+export const get = <T>(path: string): Promise<T> => ask<T>("GET", path);
+export const put = <T>(path: string, body: unknown): Promise<T> => ask<T>("PUT", path, body);
+export const patch = <T>(path: string, body: unknown): Promise<T> => ask<T>("PATCH", path, body);
+export const remove = (path: string): Promise<void> => ask<void>("DELETE", path);
+export const post = <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
+  ask<T>("POST", path, body, { "Idempotency-Key": onceKey(), ...headers });
+
+/** Follow a list to its end, `most` items at most. */
+export async function all<T>(path: string, most = 2000): Promise<T[]> {
+  const items: T[] = [];
+  let cursor: string | null = null;
+  do {
+    const joint = path.includes("?") ? "&" : "?";
+    const page: Page<T> = await get(`${path}${joint}limit=200${cursor ? `&cursor=${encodeURIComponent(cursor)}` : ""}`);
+    items.push(...page.items);
+    cursor = page.next_cursor;
+  } while (cursor && items.length < most);
+  return items;
+}
+
+/** Wait until a job has ended; `watch` hears of every change. */
+export function follow(job: Job, watch?: (job: Job) => void): Promise<Job> {
+  if (isFinal(job)) return Promise.resolve(job);
+  return new Promise((resolve) => {
+    const source = new EventSource(`/v1/jobs/${job.id}/events`);
+    source.addEventListener("job", (event) => {
+      const now = JSON.parse((event as MessageEvent<string>).data) as Job;
+      watch?.(now);
+      if (isFinal(now)) {
+        source.close();
+        resolve(now);
+      }
+    });
+  });
+}
+
+export const isFinal = (job: Job): boolean => !["queued", "running"].includes(job.state);

@@ -1,0 +1,36 @@
+import { useState } from "preact/hooks";
+import { all, type Robot, type SiteMap } from "../api/client";
+import { useFleetEvents, useLoaded } from "../api/live";
+import { named, t, whenText } from "../i18n";
+import { Chip } from "../ui/parts";
+import { Rows, type Column } from "../ui/Rows";
+
+const TONES: Record<string, string> = { "up-to-date": "good", failed: "bad", "not-begun": "busy", "not-enabled": "busy" };
+
+export function Fleet() {
+  const [behind, setBehind] = useState(false);
+  const [round, setRound] = useState(0);
+  useFleetEvents(() => setRound((n) => n + 1));
+  const maps = useLoaded(() => all<SiteMap>("/v1/maps"));
+  const nameOf = (id: string) => {
+    const map = maps.value?.find((one) => one.id === id);
+    return map ? `${map.site} · ${map.name}` : id;
+  };
+  const columns: Column<Robot>[] = [
+    { name: t("fleet.robot"), width: "minmax(8rem, 1.2fr)", show: (robot) => robot.name },
+    { name: t("fleet.map"), width: "minmax(8rem, 1.5fr)", show: (robot) => <a href={`#/maps/${robot.map_id}`}>{nameOf(robot.map_id)}</a> },
+    { name: t("fleet.runs"), width: "6rem", show: (robot) => robot.enabled_revision ?? "–" },
+    { name: t("fleet.wanted"), width: "6rem", show: (robot) => robot.wanted_revision ?? "–" },
+    { name: t("fleet.progress"), width: "10rem", show: (robot) => <Chip tone={TONES[robot.progress] ?? "quiet"}>{named("progress", robot.progress)}</Chip> },
+    { name: t("fleet.seen"), width: "minmax(10rem, 1fr)", show: (robot) => robot.detail ?? (robot.reported_at ? whenText(robot.reported_at) : "–") },
+  ];
+  return (
+    <>
+      <div class="title">
+        <h1>{t("nav.fleet")}</h1>
+        <button type="button" aria-pressed={behind} onClick={() => setBehind(!behind)}>{t("fleet.onlyBehind")}</button>
+      </div>
+      <Rows key={String(behind)} label={t("nav.fleet")} path={`/v1/robots${behind ? "?behind=true" : ""}`} columns={columns} keyOf={(robot) => robot.id} refresh={round} none={t("fleet.none")} />
+    </>
+  );
+}

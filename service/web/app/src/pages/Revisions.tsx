@@ -1,0 +1,132 @@
+import { useState } from "preact/hooks";
+import { get, post, type Publication, type Revision, type Schemas } from "../api/client";
+import { useLoaded } from "../api/live";
+import { named, t, whenText } from "../i18n";
+import { Chip, Dialog, Failure, Loading } from "../ui/parts";
+
+type Gates = Schemas["GatesOut"];
+const TONES: Record<string, string> = { ready: "good", failed: "bad", building: "busy" };
+
+interface PublishProps {
+  mapId: string;
+  n: number;
+  back: boolean;
+  done: () => void;
+  close: () => void;
+}
+
+/** Ask once more, show what stands in the way, and let an admin override it with a reason. */
+function Publish({ mapId, n, back, done, close }: PublishProps) {
+  const at = `/v1/maps/${mapId}/revisions/${n}`;
+  const { value, error } = useLoaded(() => get<Gates>(`${at}/gates?channel=stable`));
+  const [reason, setReason] = useState("");
+  const [problem, setProblem] = useState<unknown>(null);
+  const closed = value?.gates ?? [];
+  const go = () => post(`${at}/publish`, closed.length ? { override: { reason } } : {}).then(done, setProblem);
+  return (
+    <Dialog title={back ? t("revisions.rollBack") : t("revisions.publish")} close={close}>
+      <p>{t("revisions.sure")} {n}.</p>
+      {!value && !error && <Loading />}
+      {closed.length > 0 && (
+        <div class="failure">
+          <strong>{t("revisions.gates")}</strong>
+          <ul>{closed.map((gate) => <li key={gate.code + gate.subject}>{gate.message}</li>)}</ul>
+          <label>{t("revisions.override")}<input value={reason} onInput={(event) => setReason(event.currentTarget.value)} /></label>
+        </div>
+      )}
+      <Failure error={problem ?? error} />
+      <button class="primary" type="button" disabled={!value || (closed.length > 0 && !reason.trim())} onClick={() => void go()}>
+        {back ? t("revisions.rollBack") : t("revisions.publish")}
+      </button>
+    </Dialog>
+  );
+}
+
+interface LayersProps {
+  mapId: string;
+  revision: Revision;
+  editable: boolean;
+  changed: () => void;
+}
+
+function Layers({ mapId, revision, editable, changed }: LayersProps) {
+  const [error, setError] = useState<unknown>(null);
+  const act = (operation: Record<string, unknown>) =>
+    post(`/v1/maps/${mapId}/revisions`, { base: revision.n, operations: [operation] }).then(changed, setError);
+  if (revision.layers.length === 0) return <p class="quiet">{t("revisions.noLayers")}</p>;
+  return (
+    <>
+      <h3>{t("revisions.layers")}</h3>
+      <ul class="list">
+        {revision.layers.map((layer) => (
+          <li key={layer.layer_id}>
+            <span><strong>{layer.name}</strong></span>
+            {editable && (
+              <span class="chips">
+                <button type="button" onClick={() => void act({ op: layer.visible ? "hide-layer" : "show-layer", layer_id: layer.layer_id })}>
+                  {layer.visible ? t("revisions.hide") : t("revisions.show")}
+                </button>
+                <button type="button" onClick={() => void act({ op: "remove-layer", layer_id: layer.layer_id })}>{t("revisions.remove")}</button>
+              </span>
+            )}
+          </li>
+        ))}
+      </ul>
+      <Failure error={error} />
+    </>
+  );
+}
+
+interface RevisionsProps {
+  mapId: string;
+  revisions: Revision[];
+  published: number | null;
+  publications: Publication[];
+  mayPublish: boolean;
+  changed: () => void;
+}
+
+export function Revisions({ mapId, revisions, published, publications, mayPublish, changed }: RevisionsProps) {
+  const [publishing, setPublishing] = useState<number | null>(null);
+  const [opened, setOpened] = useState<number | null>(null);
+  const before = new Set(publications.map((one) => one.to_n));
+  const latest = revisions.find((one) => one.status === "ready")?.n;
+  return (
+    <section class="card" aria-label={t("revisions.title")}>
+      <h2>{t("revisions.title")}</h2>
+      {revisions.length === 0 && <p class="quiet">{t("empty")}</p>}
+      <ol class="list revisions">
+        {revisions.map((one) => (
+          <li key={one.n}>
+            {one.status === "ready" && !one.pruned_at ? <img alt="" loading="lazy" src={`/v1/maps/${mapId}/revisions/${one.n}/artifacts/preview.png`} /> : <span class="no-preview" />}
+            <span><strong>{t("revisions.n")} {one.n}</strong><span class="quiet">{whenText(one.created_at)}{one.reason ? ` · ${one.reason}` : ""}</span></span>
+            <span class="chips">
+              {one.n === published ? <Chip tone="good">{t("revisions.live")}</Chip> : <Chip tone={TONES[one.status]!}>{named("revision", one.status)}</Chip>}
+              {one.status === "ready" && <button type="button" aria-expanded={opened === one.n} onClick={() => setOpened(opened === one.n ? null : one.n)}>{t("revisions.open")}</button>}
+              {mayPublish && one.status === "ready" && one.n !== published && (
+                <button class={before.has(one.n) ? "" : "primary"} type="button" onClick={() => setPublishing(one.n)}>
+                  {before.has(one.n) ? t("revisions.rollBack") : t("revisions.publish")}
+                </button>
+              )}
+            </span>
+            {opened === one.n && (
+              <div class="opened">
+                <img alt={`${t("revisions.preview")} ${one.n}`} src={`/v1/maps/${mapId}/revisions/${one.n}/artifacts/preview.png`} />
+                <Layers mapId={mapId} revision={one} editable={mayPublish && one.n === latest} changed={changed} />
+              </div>
+            )}
+          </li>
+        ))}
+      </ol>
+      {publications.length > 0 && (
+        <details>
+          <summary>{t("revisions.history")}</summary>
+          <ul>{publications.map((one) => <li key={one.id}>{whenText(one.published_at)} · {one.channel}: {one.from_n ?? "–"} → {one.to_n} · <code>{one.published_by}</code> {one.reason}</li>)}</ul>
+        </details>
+      )}
+      {publishing !== null && (
+        <Publish mapId={mapId} n={publishing} back={before.has(publishing)} close={() => setPublishing(null)} done={() => { setPublishing(null); changed(); }} />
+      )}
+    </section>
+  );
+}
