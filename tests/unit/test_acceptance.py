@@ -23,6 +23,8 @@ GOOD = PlacementEvidence(
     contradicted_share=0.0, astray_share=0.0,
     upright_surfaces=5,
     closed_directions=1,
+    undrawn_wall_share=0.05,
+    explained_share_at_top=0.9,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
     runner_up_inlier_share=None, runner_up_contradicted_share=None,
     moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
@@ -76,6 +78,23 @@ def test_a_full_store_between_facing_walls_explains_little_and_is_accepted() -> 
     assert judge(replace(store, astray_share=0.02)).verdict == "rejected"
     assert judge(replace(store, runner_up_inlier_share=0.25)).verdict == "needs-review"
     assert judge(replace(store, runner_up_inlier_share=0.15)).verdict == "accepted"
+
+
+def test_objects_among_three_walls_hide_some_of_them() -> None:
+    hall = replace(GOOD, inlier_share_of_structure=0.75, explained_share_at_top=0.99, upright_surfaces=3)
+    assert judge(hall).verdict == "accepted"
+    for change in (
+        {"closed_directions": 0},
+        {"upright_surfaces": 2},
+        {"undrawn_wall_share": 0.1},
+        {"explained_share_at_top": 0.94},
+        {"astray_share": 0.02},
+        {"contradicted_share": 0.002},
+        {"inlier_share_of_structure": 0.6},
+        {"runner_up_inlier_share": 0.6, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1},
+        {"map_kind": "cloud", "residual_median_m": 0.05},
+    ):
+        assert judge(replace(hall, **change)).verdict == "needs-review"
 
 
 def test_all_doubts_are_named_together() -> None:

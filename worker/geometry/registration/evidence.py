@@ -20,6 +20,7 @@ from worker.geometry.registration.fitness import (
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
+from worker.geometry.registration.undrawn import explained_share_at_top, undrawn_wall_share
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
 _GLIMPSE = 0.02
@@ -100,6 +101,8 @@ def gather_evidence(
         astray_share=_astray(problem, best.fit, pose),
         upright_surfaces=len(measure.upright_planes(best.fit, best.fit.structure, sided=faces)),
         closed_directions=_closed(best.fit) if faces else 0,
+        undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
+        explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
@@ -111,6 +114,11 @@ def gather_evidence(
         turned_rad=turned_by,
         tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
     )
+
+
+def _turned(problem: Problem, pose: Transform) -> NDArray[np.float64]:
+    """Return the scan's own normals in frame `map`."""
+    return problem.scan.normals @ pose.rotation.T
 
 
 def _moved(pose: Transform, initial: Transform, middle: NDArray[np.float64]) -> tuple[float, float]:
