@@ -7,6 +7,7 @@ import { Failure, Loading } from "./parts";
 
 const ROW_PX = 56;
 const AROUND = 8;
+const REFRESHED_ROWS = 600;
 
 export interface Column<T> {
   name: string;
@@ -35,6 +36,7 @@ function usePages<T>(path: string, refresh: number) {
   const [error, setError] = useState<unknown>(null);
   const busy = useRef(false);
   const round = useRef(0);
+  const shown = useRef("");
   const load = async (mine: number, from: Fetched<T>, most: number) => {
     if (busy.current && mine === round.current && from.cursor) return;
     busy.current = true;
@@ -55,6 +57,9 @@ function usePages<T>(path: string, refresh: number) {
     }
   };
   useEffect(() => {
+    const anew = shown.current !== path;
+    if (!anew && state.items.length > REFRESHED_ROWS) return;
+    shown.current = path;
     round.current += 1;
     void load(round.current, { items: [], cursor: null, done: false }, Math.max(1, state.items.length));
   }, [path, refresh]);
