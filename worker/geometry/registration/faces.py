@@ -95,10 +95,21 @@ class Faces:
             And it would be so if the faces stood this much to any side of where they are drawn [m].
         """
         hidden = np.ones(len(points), dtype=np.bool_)
+        begin, end = self._between(eye, points, give=give)
         for aside in np.array([(0, 0), (1, 0), (-1, 0), (0, 1), (0, -1)])[: 5 if give else 1] * give:
             left = np.ascontiguousarray(points[hidden] + aside)
-            hidden[hidden] = _crossed(self.begin, self.end, eye + aside, left, 0.0, -clearance)
+            hidden[hidden] = _crossed(begin, end, eye + aside, left, 0.0, -clearance)
         return hidden
+
+    def _between(
+        self, eye: NDArray[np.float64], points: NDArray[np.float64], *, give: float
+    ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return both ends of the faces that may come between an eye (2,) and points (N, 2), N >= 0."""
+        every = np.vstack([points, eye])
+        low, high = every.min(axis=0) - give, every.max(axis=0) + give
+        near = (np.maximum(self.begin, self.end) >= low) & (np.minimum(self.begin, self.end) <= high)
+        kept = near.all(axis=1)
+        return self.begin[kept], self.end[kept]
 
     def backs(self, eye: NDArray[np.float64], points: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Return which points (N, 2) [m] have a face behind them, seen from `eye` (2,)."""

@@ -138,8 +138,8 @@ def _peaks(
     field = face_field(feet[near], outward[near], margin=1.0)
     poses, scores = correlate(field, structure.xy, structure.outward, yaws=yaws, window=window)
     tried = len(yaws) * int(np.prod(np.ceil((window[1] - window[0]) / 0.2)))
-    top = np.argsort(-scores, kind="stable")[: 40 * _MOST_PEAKS]
-    top = top[scores[top] >= 0.5 * scores[top[0]]]
+    high = np.flatnonzero(scores >= 0.5 * scores.max())
+    top = high[np.argsort(-scores[high], kind="stable")[: 40 * _MOST_PEAKS]]
     top = top[_distinct(poses[top], apart=_APART_PEAKS, turn=_TURN_PEAKS, most=_MOST_PEAKS)]
     return poses[top], tried
 
