@@ -5,7 +5,7 @@ import preact from "@preact/preset-vite";
 import { defineConfig, type Plugin } from "vite";
 
 const here = import.meta.dirname;
-const NOT_SOURCES = new Set(["node_modules", "schema.d.ts"]);
+const NOT_SOURCES = new Set(["node_modules", "dist", "schema.d.ts"]);
 
 function sources(folder: string): string[] {
   return readdirSync(folder, { withFileTypes: true })
@@ -26,7 +26,7 @@ function recordSources(): Plugin {
       for (const [name, path] of named.sort(([a], [b]) => (a < b ? -1 : 1))) {
         hash.update(`${name}\0`).update(createHash("sha256").update(readFileSync(path)).digest("hex")).update("\n");
       }
-      writeFileSync(join(here, "../dist/sources.sha256"), `${hash.digest("hex")}\n`);
+      writeFileSync(join(here, "dist/sources.sha256"), `${hash.digest("hex")}\n`);
     },
   };
 }
@@ -34,7 +34,7 @@ function recordSources(): Plugin {
 export default defineConfig({
   plugins: [preact(), recordSources()],
   build: {
-    outDir: "../dist",
+    outDir: "dist",
     emptyOutDir: true,
     target: "es2022",
     assetsInlineLimit: 0,
