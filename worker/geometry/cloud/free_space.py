@@ -18,8 +18,8 @@ _ROWS, _COLUMNS = 181, 360
 _BEHIND_M, _SAME_M = 0.3, 0.15
 _CELL_M, _MOST_CELLS = 0.25, 2e7
 _FLOOR_M = 0.15
-_FEWEST = 50
-_GONE_OF_SEEN, _GONE_OF_ALL = 0.8, 0.3
+_FEWEST = 100
+_GONE_OF_SEEN, _GONE_OF_ALL = 0.8, 0.1
 _BEYOND_M = 0.1
 
 
@@ -59,7 +59,7 @@ class FreeSpace:
 
     @property
     def is_gone(self) -> bool:
-        """Return whether the thing has gone: of what can be told, 80 % is looked through, and 30 % of all."""
+        """Return whether the thing has gone: of what can be told, 80 % is looked through, and 10 % of all."""
         told = self.still_seen + self.looked_through
         enough = self.looked_through >= max(_FEWEST, _GONE_OF_ALL * self.points)
         return enough and self.looked_through >= _GONE_OF_SEEN * told
