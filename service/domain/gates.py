@@ -14,9 +14,9 @@ class Gate:
     Parameters
     ----------
     code : str
-        `placement-not-accepted`, `finding-unresolved` or `proposal-open`.
+        `placement-not-accepted` or `finding-unresolved`.
     subject : str
-        A layer, a drawing or a proposal, by its id.
+        A layer or a drawing, by its id.
     message : str
         What was found, and what to do.
     """
@@ -45,7 +45,6 @@ def closed_gates(
     *,
     drawing_id: str,
     findings: Iterable[Mapping[str, Any]],
-    proposals: Mapping[str, str],
 ) -> list[Gate]:
     """Return what stands against publishing; an empty list is a revision that may go out.
 
@@ -55,22 +54,12 @@ def closed_gates(
         Those that the revision's files hold.
     findings : iterable of mapping
         What the drawing's reading remarked; only `serious` ones close a gate.
-    proposals : mapping of str to str
-        Open proposals about these layers, with the name of the layer that each is about.
     """
     gates = [_not_accepted(layer) for layer in layers if layer.verdict != "accepted"]
     gates += [
         Gate("finding-unresolved", drawing_id, f"The drawing's reading says: {one.get('message', '')}")
         for one in findings
         if one.get("severity") == "serious"
-    ]
-    gates += [
-        Gate(
-            "proposal-open",
-            proposal_id,
-            f"A later scan looked through the layer {name!r}: accept or dismiss the proposal.",
-        )
-        for proposal_id, name in proposals.items()
     ]
     return gates
 

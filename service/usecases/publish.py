@@ -11,7 +11,6 @@ from sqlalchemy.orm import Session
 from service.db import revisions as table
 from service.db.models import Artifact, Channel, Drawing, Publication, Revision
 from service.db.placements import find_placements
-from service.db.proposals import open_proposals
 from service.domain.access import Actor
 from service.domain.errors import GatesClosed, NothingPublished, PointerMoved
 from service.domain.gates import Gate, JudgedLayer, closed_gates
@@ -216,13 +215,10 @@ def _gates(session: Session, revision: Revision, *, channel: str) -> list[Gate]:
         if (found := placements.get(row.placement_id)) is not None
     ]
     drawing = session.get_one(Drawing, revision.drawing_id)
-    names = {layer.layer_id: layer.name for layer in layers}
-    about = open_proposals(session, revision.map_id, layer_ids=list(names))
     return closed_gates(
         layers,
         drawing_id=drawing.id,
         findings=(drawing.reading or {}).get("findings", ()),
-        proposals={one.id: names[one.layer_id] for one in about},
     )
 
 

@@ -11,9 +11,10 @@ from sqlalchemy.orm import Session
 from service.db import revisions as table
 from service.db.jobs import enqueue
 from service.db.models import Job, Revision
+from service.db.proposals import open_proposals
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotFound, StaleBase
-from service.domain.lifecycle import JobKind, RevisionStatus, Role
+from service.domain.lifecycle import JobKind, ProposalState, RevisionStatus, Role
 from service.domain.map_state import Difference, MapState, differences, overlap
 from service.domain.operations import Operation, SetRecipe, apply_all
 from service.domain.recipe import Recipe
@@ -161,7 +162,22 @@ def change(
         wished = apply_all(present, operations)
         rebased = Rebased(base.n, latest.n, theirs)
     made = _Made(base.map_id, wished, latest.n, base.n, operations, reason)
+    _settle_proposals(kernel, session, actor, base.map_id, differences(held, wished))
     return _add(kernel, session, actor, made, rebased=rebased)
+
+
+def _settle_proposals(
+    kernel: Kernel, session: Session, actor: Actor, map_id: str, changed: Sequence[Difference]
+) -> None:
+    """Close what was proposed about layers that are removed, replaced or moved: that is no more."""
+    moot = [
+        one.before["layer_id"]
+        for one in changed
+        if one.change in {"removed", "replaced", "moved"} and one.before is not None
+    ]
+    for row in open_proposals(session, map_id, layer_ids=moot):
+        row.state, row.decided_at = ProposalState.DISMISSED.value, kernel.now()
+        row.decided_by = actor.key_id
 
 
 def _living(session: Session, map_id: str, n: int) -> Revision:
