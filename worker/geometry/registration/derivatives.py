@@ -22,11 +22,16 @@ from worker.geometry.registration.ndt_map import NdtMap
 
 _CHUNK = 256
 _UPPER = np.triu_indices(6)
+_AS_THEY_ARE = np.eye(4)
 _WORTH_THREADS = 2_000
 
 
 def derivatives(
-    points: NDArray[np.float64], ndt_map: NdtMap, *, centre: NDArray[np.float64]
+    points: NDArray[np.float64],
+    ndt_map: NdtMap,
+    *,
+    centre: NDArray[np.float64],
+    pose: NDArray[np.float64] | None = None,
 ) -> tuple[float, NDArray[np.float64], NDArray[np.float64]]:
     """Return the NDT score of placed points, its gradient and its Hessian in xi = (v, w) at 0.
 
@@ -36,11 +41,13 @@ def derivatives(
     Parameters
     ----------
     points : ndarray of shape (N, 3), float64
-        Source points already placed in the map's frame [m].
+        Source points [m].
     ndt_map : NdtMap
         The target.
     centre : ndarray of shape (3,), float64
-        Point about which w turns [m].
+        Point about which w turns, in the map's frame [m].
+    pose : ndarray of shape (4, 4), float64, optional
+        Takes the points to the map's frame; where there is none they are in it.
 
     Returns
     -------
@@ -53,11 +60,12 @@ def derivatives(
     with the radius `resolution`, which lie within the 27 cells around the point's own.
     """
     d1, d2 = ndt_map.gauss
+    placing = _AS_THEY_ARE if pose is None else np.ascontiguousarray(pose)
     with _threads_for(len(points)):
         sums = _accumulate(
-        points, centre, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys,
-        ndt_map.table_bricks, ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
-    )  # fmt: skip
+            points, placing, centre, ndt_map.means, ndt_map.inverse_covariances, ndt_map.table_keys,
+            ndt_map.table_bricks, ndt_map.row_starts, ndt_map.row_cells, ndt_map.resolution, d1, d2,
+        )  # fmt: skip
     total = np.add.reduce(sums, axis=0)
     hessian = np.zeros((6, 6))
     hessian[_UPPER] = total[7:]
@@ -101,6 +109,7 @@ def _threads_for(count: int) -> Iterator[None]:
 @njit(cache=True, parallel=True)
 def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
     points: NDArray[np.float64],
+    pose: NDArray[np.float64],
     centre: NDArray[np.float64],
     means: NDArray[np.float64],
     inverses: NDArray[np.float64],
@@ -120,17 +129,20 @@ def _accumulate(  # noqa: PLR0913, PLR0917 - compiled code takes plain arrays
         chunk = 2 * nth if nth < half else 2 * (nth - half) + 1  # threads share dense and empty places alike
         out = sums[chunk]
         for n in range(chunk * _CHUNK, min(len(points), (chunk + 1) * _CHUNK)):
-            x, y, z = points[n, 0], points[n, 1], points[n, 2]
+            a, b, c = points[n, 0], points[n, 1], points[n, 2]
+            x = pose[0, 0] * a + pose[0, 1] * b + pose[0, 2] * c + pose[0, 3]
+            y = pose[1, 0] * a + pose[1, 1] * b + pose[1, 2] * c + pose[1, 3]
+            z = pose[2, 0] * a + pose[2, 1] * b + pose[2, 2] * c + pose[2, 3]
             row = find_row(x, y, z, 1.0 / resolution, table_keys, table_bricks)
             if row < 0:
                 continue
             qx, qy, qz = x - centre[0], y - centre[1], z - centre[2]
             for at in range(row_starts[row], row_starts[row + 1]):
-                c = row_cells[at]
-                dx, dy, dz = x - means[c, 0], y - means[c, 1], z - means[c, 2]
+                m = row_cells[at]
+                dx, dy, dz = x - means[m, 0], y - means[m, 1], z - means[m, 2]
                 if dx * dx + dy * dy + dz * dz > resolution * resolution:
                     continue
-                _add(out, inverses[c], dx, dy, dz, qx, qy, qz, d1, d2)
+                _add(out, inverses[m], dx, dy, dz, qx, qy, qz, d1, d2)
     return sums
 
 

@@ -94,6 +94,7 @@ def register_ndt(
         msg = f"source points are (N, 3) with N >= 1, not {source.shape}"
         raise ValueError(msg)
     pose, radius = initial.matrix, _RADIUS_SHARE * target.resolution
+    source = np.ascontiguousarray(source, dtype=np.float64)
     middle = source.mean(axis=0)
     lever = max(float(np.sqrt(np.mean(np.sum((source - middle) ** 2, axis=1)))), 1e-3)
     scale = np.array([1.0, 1.0, 1.0, 1.0 / lever, 1.0 / lever, 1.0 / lever])
@@ -156,4 +157,4 @@ def _evaluate(
 ) -> tuple[NDArray[np.float64], tuple[float, NDArray[np.float64], NDArray[np.float64]]]:
     """Return where the source's middle (3,) is placed, and score, gradient and Hessian about it."""
     centre = pose[:3, :3] @ middle + pose[:3, 3]
-    return centre, derivatives(source @ pose[:3, :3].T + pose[:3, 3], target, centre=centre)
+    return centre, derivatives(source, target, centre=centre, pose=pose)
