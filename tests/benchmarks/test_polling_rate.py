@@ -47,20 +47,24 @@ print(done, wrong)
 def test_polls_answered_from_memory(server: Server) -> None:
     client, by_hand = server.client(server.admin_key), ByHand(server.kernel)
     map_id = a_map(client)
-    n = a_ready_revision(client, by_hand, map_id)
-    ok(client.post(f"/v1/maps/{map_id}/revisions/{n}/publish", json={}))
+    for _ in range(2):
+        n = a_ready_revision(client, by_hand, map_id)
+    ok(client.post(f"/v1/maps/{map_id}/revisions/1/publish", json={}))
     where = f"/v1/maps/{map_id}/published"
-    tag = client.get(where).headers["etag"]
     keys = [
         ok(client.post("/v1/robots", json={"name": f"AMR {k}", "map_id": map_id}), 201)["key"]
         for k in range(ROBOTS)
     ]
+    stages = {"revision": n, "stages": [{"share": 0.5}]}
+    ok(client.post(f"/v1/maps/{map_id}/rollouts", json=stages), 201)
+    tags = [client.get(where, headers={"Authorization": f"Bearer {key}"}).headers["etag"] for key in keys]
+    assert len(set(tags)) == 2, "half of them have their revision from a roll-out"
     address = urlsplit(server.url)
     assert address.hostname is not None
     asks = [
         f"GET {where} HTTP/1.1\\r\\nHost: x\\r\\nAuthorization: Bearer {key}\\r\\n"
         f"If-None-Match: {tag}\\r\\n\\r\\n"
-        for key in keys
+        for key, tag in zip(keys, tags, strict=True)
     ]
     command = [sys.executable, "-c", LOAD, address.hostname, str(address.port), str(SECONDS), *asks]
     rates = []
@@ -69,5 +73,6 @@ def test_polls_answered_from_memory(server: Server) -> None:
         answered, wrong = map(int, done.stdout.split())
         assert wrong == 0
         rates.append(answered / SECONDS)
-    print(f"\n{ROBOTS} robots' keys: {[round(rate) for rate in rates]} answers of 304 a second")
+    shown = [round(rate) for rate in rates]
+    print(f"\n{ROBOTS} robots' keys, half of them in a roll-out: {shown} answers of 304 a second")
     assert statistics.median(rates) >= LEAST_A_SECOND
