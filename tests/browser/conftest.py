@@ -6,6 +6,7 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
+from pathlib import Path
 from typing import Any
 
 import httpx
@@ -114,3 +115,11 @@ def with_cookie(url: str, secret: str) -> Iterator[httpx.Client]:
         answer = client.put("/v1/session", json={"key": secret}, headers={"X-Groundplan-Session": "1"})
         assert answer.status_code == 200, answer.text
         yield client
+
+
+@pytest.fixture(scope="session")
+def pictures() -> Path:
+    """Give the folder for screenshots; those that the documents show are copied from here."""
+    folder = Path(__file__).resolve().parents[2] / "build" / "pictures"
+    folder.mkdir(parents=True, exist_ok=True)
+    return folder

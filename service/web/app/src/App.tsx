@@ -1,3 +1,4 @@
+import { lazy, Suspense } from "preact/compat";
 import { useEffect, useState } from "preact/hooks";
 import { get, Refused, type Session } from "./api/client";
 import { named } from "./i18n";
@@ -12,6 +13,8 @@ import { System } from "./pages/System";
 import { Shell } from "./ui/Shell";
 import { Failure, Loading } from "./ui/parts";
 
+const PlacementPage = lazy(() => import("./pages/PlacementPage"));
+const TabletPage = lazy(() => import("./pages/TabletPage"));
 
 function usePath(): string[] {
   const read = () => location.hash.replace(/^#\/?/, "").split("/").filter(Boolean).map(decodeURIComponent);
@@ -28,7 +31,8 @@ function usePath(): string[] {
 }
 
 function pageOf(path: string[], session: Session) {
-  const [first, id] = path;
+  const [first, id, second, third] = path;
+  if (first === "maps" && id && second === "scans" && third) return <PlacementPage key={third} mapId={id} scanId={third} />;
   if (first === "maps" && id) return <MapPage key={id} mapId={id} session={session} />;
   if (first === "jobs") return <Jobs />;
   if (first === "fleet") return <Fleet />;
@@ -49,12 +53,16 @@ export function App() {
       else setError(cause);
     });
   }, []);
+  const tablet = location.pathname === "/tablet";
   if (error) return <main class="narrow"><Failure error={error} /></main>;
   if (session === undefined) return <main class="narrow"><Loading /></main>;
   if (session === null) return <SignIn signedIn={setSession} />;
+  if (tablet && session.role !== "robot") return <Suspense fallback={<Loading />}><TabletPage /></Suspense>;
   return (
     <Shell session={session} path={path} signedOut={() => setSession(null)} languageChanged={() => setLanguage((n) => n + 1)}>
-      {session.role === "robot" ? <p>{named("noPage", "robot")}</p> : pageOf(path, session)}
+      {session.role === "robot" ? <p>{named("noPage", "robot")}</p> : (
+        <Suspense fallback={<Loading />}>{pageOf(path, session)}</Suspense>
+      )}
     </Shell>
   );
 }

@@ -1,0 +1,209 @@
+import { useEffect, useRef, useState } from "preact/hooks";
+import { all, follow, get, post, type Job, type Page, type Placement, type Revision, type Scan, type Schemas } from "../api/client";
+import { useLoaded } from "../api/live";
+import { named, t, whenText } from "../i18n";
+import { Chip, Failure, Loading, Progress } from "../ui/parts";
+import { loadCloud, matrixOf, moved, poseOf, type Cloud, type Matrix } from "../view/cloud";
+import { MiniPlan } from "../view/MiniPlan";
+import { Stage } from "../view/Stage";
+
+interface Loadable {
+  scan: Scan;
+  revision: number;
+  map: Cloud;
+  points: Cloud;
+  placements: Placement[];
+}
+
+interface Candidate {
+  T_map_scan: Matrix;
+}
+
+const VERDICT_TONES: Record<string, string> = { accepted: "good", "needs-review": "busy", rejected: "bad" };
+const STEP_RAD = Math.PI / 36;
+
+async function load(mapId: string, scanId: string): Promise<Loadable | null> {
+  const [scan, revisions, placements] = await Promise.all([
+    get<Scan>(`/v1/scans/${scanId}`),
+    get<Page<Revision>>(`/v1/revisions?map=${mapId}&status=ready&limit=1`),
+    all<Placement>(`/v1/scans/${scanId}/placements`),
+  ]);
+  const latest = revisions.items[0];
+  if (!latest || !scan.files.points) return null;
+  const [map, points] = await Promise.all([
+    loadCloud(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/point-cloud.pcd`),
+    loadCloud(scan.files.points),
+  ]);
+  return { scan, revision: latest.n, map, points, placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)) };
+}
+
+function firstPose({ placements, scan, map, points }: Loadable): Matrix {
+  const placed = placements.find((one) => one.T_map_scan)?.T_map_scan;
+  if (placed) return placed;
+  const rough = scan.rough_pose as { x_m: number; y_m: number; z_m?: number; yaw_rad?: number } | null;
+  if (rough) return matrixOf({ x: rough.x_m, y: rough.y_m, z: rough.z_m ?? 0, yaw: rough.yaw_rad ?? 0 });
+  return matrixOf({ x: map.centre[0] - points.centre[0], y: map.centre[1] - points.centre[1], z: 0, yaw: 0 });
+}
+
+interface NumberFieldProps {
+  label: string;
+  value: number;
+  step: number;
+  set: (value: number) => void;
+}
+
+const NumberField = ({ label, value, step, set }: NumberFieldProps) => (
+  <label>{label}
+    <input type="number" inputmode="decimal" step={step} value={Number(value.toFixed(3))}
+      onChange={(event) => Number.isFinite(event.currentTarget.valueAsNumber) && set(event.currentTarget.valueAsNumber)} />
+  </label>
+);
+
+function Evidence({ placement }: { placement: Placement }) {
+  const evidence = placement.evidence ?? {};
+  const shown = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradiction_share"].filter((name) => typeof evidence[name] === "number");
+  return (
+    <>
+      <Chip tone={VERDICT_TONES[placement.verdict!]!}>{named("place", placement.verdict!)}</Chip>
+      <ul class="reasons">{placement.reasons?.map((reason) => <li key={reason}>{reason}</li>)}</ul>
+      <dl>{shown.map((name) => [<dt key={name}>{name.replaceAll("_", " ")}</dt>, <dd key={`${name}-v`}>{(evidence[name] as number).toPrecision(3)}</dd>])}</dl>
+    </>
+  );
+}
+
+function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string; scanId: string }) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const stage = useRef<Stage | null>(null);
+  const [T, setT] = useState<Matrix>(() => firstPose(loaded));
+  const [mode, setMode] = useState<"above" | "room">("above");
+  const [placement, setPlacement] = useState<Placement | null>(() => loaded.placements.find((one) => one.verdict) ?? null);
+  const [job, setJob] = useState<Job | null>(null);
+  const [error, setError] = useState<unknown>(null);
+  const [made, setMade] = useState<number | null>(null);
+
+  useEffect(() => {
+    const dragged = (next: Matrix) => {
+      setT(next);
+      setPlacement(null);
+    };
+    stage.current = new Stage(canvas.current!, loaded.map, loaded.points, T, dragged);
+    return () => stage.current?.leave();
+  }, [loaded]);
+  useEffect(() => stage.current?.look(mode), [mode]);
+
+  const show = (next: Matrix, of: Placement | null) => {
+    setT(next);
+    setPlacement(of);
+    stage.current?.place(next);
+  };
+  const turn = (yaw: number) => show(moved(T, { x: 0, y: 0, yaw }, loaded.points.centre), null);
+  const pose = poseOf(T);
+  const set = (change: Partial<typeof pose>) => {
+    const next = { ...pose, ...change };
+    show(moved(T, { x: next.x - pose.x, y: next.y - pose.y, yaw: next.yaw - pose.yaw }, [0, 0, 0]), null);
+  };
+
+  const snap = async (rough: boolean) => {
+    setError(null);
+    setMade(null);
+    try {
+      const body = rough ? { rough_pose: { x_m: pose.x, y_m: pose.y, z_m: pose.z, yaw_rad: pose.yaw } } : { search: true };
+      const asked = await post<Schemas["PlacementWithJob"]>(`/v1/scans/${scanId}/placements`, body);
+      setJob(asked.job);
+      const ended = await follow(asked.job, setJob);
+      setJob(null);
+      if (ended.problem) throw new Error(ended.problem.detail);
+      const placed = await get<Placement>(`/v1/placements/${asked.placement.id}`);
+      show(placed.T_map_scan ?? T, placed);
+    } catch (cause) {
+      setJob(null);
+      setError(cause);
+    }
+  };
+  const accept = async () => {
+    try {
+      const reviewed = placement!.verdict !== "accepted";
+      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed });
+      setJob(asked.job);
+      const ended = await follow(asked.job, setJob);
+      setJob(null);
+      if (ended.problem) throw new Error(ended.problem.detail);
+      setMade(asked.revision.n);
+    } catch (cause) {
+      setJob(null);
+      setError(cause);
+    }
+  };
+
+  const candidates = (placement?.candidates ?? []) as Candidate[];
+  return (
+    <div class="workplace">
+      <div class="stage">
+        <canvas ref={canvas} class="cloud" role="img" aria-label={`${t("place.map")}, ${t("place.scan")}: ${mode === "above" ? t("place.above") : t("place.room")}`} />
+        <div class="choices over" role="group" aria-label={t("place.view")}>
+          <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>{t("place.above")}</button>
+          <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>{t("place.room")}</button>
+        </div>
+        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{t("place.scan")}</span></div>
+      </div>
+      <aside class="card">
+        <p class="quiet">{t("place.hint")}</p>
+        <div class="numbers">
+          <NumberField label={t("place.x")} step={0.1} value={pose.x} set={(x) => set({ x })} />
+          <NumberField label={t("place.y")} step={0.1} value={pose.y} set={(y) => set({ y })} />
+          <NumberField label={t("place.yaw")} step={1} value={(pose.yaw * 180) / Math.PI} set={(degrees) => set({ yaw: (degrees * Math.PI) / 180 })} />
+        </div>
+        <div class="chips">
+          <button type="button" onClick={() => turn(STEP_RAD)} aria-label={t("place.left")}>↺ 5°</button>
+          <button type="button" onClick={() => turn(-STEP_RAD)} aria-label={t("place.right")}>↻ 5°</button>
+        </div>
+        <div class="chips">
+          <button class="primary big" type="button" disabled={job !== null} onClick={() => void snap(true)}>{t("place.snap")}</button>
+          <button class="big" type="button" disabled={job !== null} onClick={() => void snap(false)}>{t("place.everywhere")}</button>
+        </div>
+        <div aria-live="polite" class="verdict">
+          {job && <Progress job={job} />}
+          <Failure error={error} />
+          {placement?.verdict && <Evidence placement={placement} />}
+        </div>
+        {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
+          <button class="primary big" type="button" disabled={job !== null} onClick={() => void accept()}>
+            {placement.verdict === "accepted" ? t("place.accept") : t("place.acceptReviewed")}
+          </button>
+        )}
+        {made !== null && <p class="done" role="status">{t("place.made")} <a href={`#/maps/${mapId}`}>{made}</a></p>}
+        {candidates.length > 1 && (
+          <section>
+            <h2>{t("place.candidates")}</h2>
+            <div class="candidates">
+              {candidates.map((one, k) => (
+                <button key={k} type="button" onClick={() => show(one.T_map_scan, k === 0 ? placement : null)}>
+                  <MiniPlan map={loaded.map} scan={loaded.points} T={one.T_map_scan} label={`${k + 1}`} />
+                  <span>{k + 1}</span>
+                </button>
+              ))}
+            </div>
+          </section>
+        )}
+      </aside>
+    </div>
+  );
+}
+
+export default function PlacementPage({ mapId, scanId }: { mapId: string; scanId: string }) {
+  const { value, error } = useLoaded(() => load(mapId, scanId).then((loaded) => ({ loaded })), [mapId, scanId]);
+  return (
+    <>
+      <div class="title">
+        <h1>{t("place.title")}</h1>
+        {value?.loaded && <span class="quiet">{value.loaded.scan.file_name} · {whenText(value.loaded.scan.created_at)}</span>}
+        <span class="spread" />
+        <a class="button" href={`#/maps/${mapId}`}>{t("tablet.back")}</a>
+      </div>
+      <Failure error={error} />
+      {!value && !error && <Loading />}
+      {value && !value.loaded && <p class="none">{t("place.noMap")}</p>}
+      {value?.loaded && <Workplace loaded={value.loaded} mapId={mapId} scanId={scanId} />}
+    </>
+  );
+}
