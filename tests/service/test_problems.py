@@ -34,7 +34,14 @@ def test_every_refusal_that_answers_has_a_status() -> None:
 
 
 def test_what_is_not_there(server: Server, admin: httpx.Client) -> None:
-    for path in ("/", "/v2/maps", "/v1/maps/", "/problems/no-such", "/v1/%2e%2e/keys", "/" + "x" * 3000):
+    for path in (
+        "/nothing",
+        "/v2/maps",
+        "/v1/maps/",
+        "/problems/no-such",
+        "/v1/%2e%2e/keys",
+        "/" + "x" * 3000,
+    ):
         answer = admin.get(path)
         assert answer.status_code == 404, path
         assert answer.headers["content-type"] == "application/problem+json"
