@@ -14,6 +14,11 @@ export type Session = Schemas["SessionOut"];
 export type Stats = Schemas["StatsOut"];
 export type AuditEntry = Schemas["AuditEntryOut"];
 export type Publication = Schemas["PublicationOut"];
+export type Layer = Schemas["LayerOut"];
+export type Proposal = Schemas["ProposalOut"];
+export type Rollout = Schemas["RolloutOut"];
+export type Compared = Schemas["ComparedOut"];
+export type Operation = NonNullable<Schemas["RevisionIn"]["operations"]>[number];
 
 export interface Page<T> {
   items: T[];
@@ -65,7 +70,12 @@ export function onceKey(): string {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), (b) => b.toString(16).padStart(2, "0")).join("");
 }
 
-export const get = <T>(path: string): Promise<T> => ask<T>("GET", path);
+const getJson = <T>(path: string): Promise<T> => ask<T>("GET", path);
+/** Read JSON; `get.bytes` and `get.text` read files. */
+export const get = Object.assign(getJson, {
+  bytes: async (path: string): Promise<ArrayBuffer> => (await send("GET", path)).arrayBuffer(),
+  text: async (path: string): Promise<string> => (await send("GET", path)).text(),
+});
 export const put = <T>(path: string, body: unknown): Promise<T> => ask<T>("PUT", path, body);
 export const patch = <T>(path: string, body: unknown): Promise<T> => ask<T>("PATCH", path, body);
 export const remove = (path: string): Promise<void> => ask<void>("DELETE", path);
