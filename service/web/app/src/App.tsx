@@ -3,11 +3,13 @@ import { useEffect, useState } from "preact/hooks";
 import { get, Refused, type Session } from "./api/client";
 import { named } from "./i18n";
 import { Audit } from "./pages/Audit";
+import { ComparePage } from "./pages/ComparePage";
 import { Fleet } from "./pages/Fleet";
 import { Jobs } from "./pages/Jobs";
 import { Keys } from "./pages/Keys";
 import { MapPage } from "./pages/MapPage";
 import { Overview } from "./pages/Overview";
+import { RevisePage } from "./pages/RevisePage";
 import { SignIn } from "./pages/SignIn";
 import { System } from "./pages/System";
 import { Shell } from "./ui/Shell";
@@ -31,8 +33,10 @@ function usePath(): string[] {
 }
 
 function pageOf(path: string[], session: Session) {
-  const [first, id, second, third] = path;
+  const [first, id, second, third, fourth] = path;
   if (first === "maps" && id && second === "scans" && third) return <PlacementPage key={third} mapId={id} scanId={third} />;
+  if (first === "maps" && id && second === "revise") return <RevisePage mapId={id} />;
+  if (first === "maps" && id && second === "compare") return <ComparePage mapId={id} from={Number(third)} to={Number(fourth)} />;
   if (first === "maps" && id) return <MapPage key={id} mapId={id} session={session} />;
   if (first === "jobs") return <Jobs />;
   if (first === "fleet") return <Fleet />;

@@ -14,8 +14,8 @@ async function look(mapId: string) {
     get<Schemas["ChannelsOut"]>(`/v1/maps/${mapId}/channels`),
     all<Publication>(`/v1/maps/${mapId}/publications`, 200),
   ]);
-  const stable = channels.channels.find((channel) => channel.name === "stable");
-  return { map, drawings: drawings.reverse(), scans: scans.reverse(), revisions: revisions.sort((a, b) => b.n - a.n), published: stable?.revision_n ?? null, publications };
+  const on = (name: string) => channels.channels.find((channel) => channel.name === name)?.revision_n ?? null;
+  return { map, drawings: drawings.reverse(), scans: scans.reverse(), revisions: revisions.sort((a, b) => b.n - a.n), published: on("stable"), canary: on("canary"), publications };
 }
 
 interface SendFileProps {
@@ -110,7 +110,7 @@ export function MapPage({ mapId, session }: { mapId: string; session: Session })
           <ul class="list">{scans.map((one) => <InputRow key={one.id} input={one} href={`#/maps/${mapId}/scans/${one.id}`} way={t("map.place")} />)}</ul>
         </section>
       </div>
-      <Revisions mapId={mapId} revisions={value.revisions} published={value.published} publications={value.publications} mayPublish={admin} changed={reload} />
+      <Revisions mapId={mapId} revisions={value.revisions} published={value.published} canary={value.canary} publications={value.publications} mayPublish={admin} changed={reload} />
     </>
   );
 }

@@ -2,6 +2,7 @@ import { useState } from "preact/hooks";
 import { get, post, type Publication, type Revision, type Schemas } from "../api/client";
 import { useLoaded } from "../api/live";
 import { named, t, whenText } from "../i18n";
+import { Graph } from "../ui/Graph";
 import { Chip, Dialog, Failure, Loading } from "../ui/parts";
 
 type Gates = Schemas["GatesOut"];
@@ -15,16 +16,22 @@ interface PublishProps {
   close: () => void;
 }
 
+const CHANNELS = ["stable", "canary"];
+
 /** Ask once more, show what stands in the way, and let an admin override it with a reason. */
 function Publish({ mapId, n, back, done, close }: PublishProps) {
   const at = `/v1/maps/${mapId}/revisions/${n}`;
-  const { value, error } = useLoaded(() => get<Gates>(`${at}/gates?channel=stable`));
+  const [channel, setChannel] = useState("stable");
+  const { value, error } = useLoaded(() => get<Gates>(`${at}/gates?channel=${channel}`), [channel]);
   const [reason, setReason] = useState("");
   const [problem, setProblem] = useState<unknown>(null);
   const closed = value?.gates ?? [];
-  const go = () => post(`${at}/publish`, closed.length ? { override: { reason } } : {}).then(done, setProblem);
+  const go = () => post(`${at}/publish`, { channel, ...(closed.length > 0 && { override: { reason } }) }).then(done, setProblem);
   return (
     <Dialog title={back ? t("revisions.rollBack") : t("revisions.publish")} close={close}>
+      <div class="choices" role="group" aria-label={t("revisions.channel")}>
+        {CHANNELS.map((name) => <button key={name} type="button" aria-pressed={channel === name} onClick={() => setChannel(name)}>{named("channel", name)}</button>)}
+      </div>
       <p>{t("revisions.sure")} {n}.</p>
       {!value && !error && <Loading />}
       {closed.length > 0 && (
@@ -42,58 +49,27 @@ function Publish({ mapId, n, back, done, close }: PublishProps) {
   );
 }
 
-interface LayersProps {
-  mapId: string;
-  revision: Revision;
-  editable: boolean;
-  changed: () => void;
-}
-
-function Layers({ mapId, revision, editable, changed }: LayersProps) {
-  const [error, setError] = useState<unknown>(null);
-  const act = (operation: Record<string, unknown>) =>
-    post(`/v1/maps/${mapId}/revisions`, { base: revision.n, operations: [operation] }).then(changed, setError);
-  if (revision.layers.length === 0) return <p class="quiet">{t("revisions.noLayers")}</p>;
-  return (
-    <>
-      <h3>{t("revisions.layers")}</h3>
-      <ul class="list">
-        {revision.layers.map((layer) => (
-          <li key={layer.layer_id}>
-            <span><strong>{layer.name}</strong></span>
-            {editable && (
-              <span class="chips">
-                <button type="button" onClick={() => void act({ op: layer.visible ? "hide-layer" : "show-layer", layer_id: layer.layer_id })}>
-                  {layer.visible ? t("revisions.hide") : t("revisions.show")}
-                </button>
-                <button type="button" onClick={() => void act({ op: "remove-layer", layer_id: layer.layer_id })}>{t("revisions.remove")}</button>
-              </span>
-            )}
-          </li>
-        ))}
-      </ul>
-      <Failure error={error} />
-    </>
-  );
-}
-
 interface RevisionsProps {
   mapId: string;
   revisions: Revision[];
   published: number | null;
+  canary: number | null;
   publications: Publication[];
   mayPublish: boolean;
   changed: () => void;
 }
 
-export function Revisions({ mapId, revisions, published, publications, mayPublish, changed }: RevisionsProps) {
+export function Revisions({ mapId, revisions, published, canary, publications, mayPublish, changed }: RevisionsProps) {
   const [publishing, setPublishing] = useState<number | null>(null);
   const [opened, setOpened] = useState<number | null>(null);
   const before = new Set(publications.map((one) => one.to_n));
-  const latest = revisions.find((one) => one.status === "ready")?.n;
+  const ready = revisions.filter((one) => one.status === "ready");
+  const comparedWith = (n: number) => (published !== null && published !== n ? published : ready.find((one) => one.n < n)?.n);
   return (
     <section class="card" aria-label={t("revisions.title")}>
-      <h2>{t("revisions.title")}</h2>
+      <div class="title"><h2>{t("revisions.title")}</h2><span class="spread" />
+        {ready.length > 0 && <a class="button" href={`#/maps/${mapId}/revise`}>{t("revise.title")}</a>}
+      </div>
       {revisions.length === 0 && <p class="quiet">{t("empty")}</p>}
       <ol class="list revisions">
         {revisions.map((one) => (
@@ -102,6 +78,7 @@ export function Revisions({ mapId, revisions, published, publications, mayPublis
             <span><strong>{t("revisions.n")} {one.n}</strong><span class="quiet">{whenText(one.created_at)}{one.reason ? ` · ${one.reason}` : ""}</span></span>
             <span class="chips">
               {one.n === published ? <Chip tone="good">{t("revisions.live")}</Chip> : <Chip tone={TONES[one.status]!}>{named("revision", one.status)}</Chip>}
+              {one.n === canary && one.n !== published && <Chip tone="busy">{named("channel", "canary")}</Chip>}
               {one.status === "ready" && <button type="button" aria-expanded={opened === one.n} onClick={() => setOpened(opened === one.n ? null : one.n)}>{t("revisions.open")}</button>}
               {mayPublish && one.status === "ready" && one.n !== published && (
                 <button class={before.has(one.n) ? "" : "primary"} type="button" onClick={() => setPublishing(one.n)}>
@@ -112,12 +89,14 @@ export function Revisions({ mapId, revisions, published, publications, mayPublis
             {opened === one.n && (
               <div class="opened">
                 <img alt={`${t("revisions.preview")} ${one.n}`} src={`/v1/maps/${mapId}/revisions/${one.n}/artifacts/preview.png`} />
-                <Layers mapId={mapId} revision={one} editable={mayPublish && one.n === latest} changed={changed} />
+                <p>{one.layers.length > 0 ? `${t("revisions.layers")}: ${one.layers.map((layer) => layer.name).join(", ")}` : t("revisions.noLayers")}</p>
+                {comparedWith(one.n) !== undefined && <a class="button" href={`#/maps/${mapId}/compare/${comparedWith(one.n)}/${one.n}`}>{t("compare.with")} {comparedWith(one.n)}</a>}
               </div>
             )}
           </li>
         ))}
       </ol>
+      {revisions.length > 1 && <details><summary>{t("revisions.graph")}</summary><Graph revisions={revisions} published={published} /></details>}
       {publications.length > 0 && (
         <details>
           <summary>{t("revisions.history")}</summary>
