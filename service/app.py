@@ -28,6 +28,7 @@ from service.api.polls import Polls
 from service.api.routes import (
     artifacts,
     audit,
+    convergence,
     drawings,
     exports,
     fleet_events,
@@ -74,6 +75,7 @@ _ROUTERS = (
     history.router,
     proposals.router,
     audit.router,
+    convergence.router,
     search.router,
     robots.router,
     rollouts.router,

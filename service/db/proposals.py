@@ -23,6 +23,7 @@ class Proposal(Base):
         CheckConstraint(f"state {_STATES}", name="state"),
         UniqueConstraint("placement_id", "layer_id"),
         Index(None, "map_id", "state", "id"),
+        Index(None, "state", "id"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
@@ -59,10 +60,17 @@ def open_proposals(session: Session, map_id: str, *, layer_ids: Collection[str])
 
 
 def list_proposals(
-    session: Session, map_id: str, *, state: ProposalState | None, before: str | None, limit: int
+    session: Session,
+    *,
+    covered: Collection[str] | None,
+    state: ProposalState | None,
+    before: str | None,
+    limit: int,
 ) -> Sequence[Proposal]:
-    """Return up to `limit` proposals of a map, newest first, with ids before `before`."""
-    query = select(Proposal).where(Proposal.map_id == map_id).order_by(Proposal.id.desc()).limit(limit)
+    """Return up to `limit` proposals of these maps, newest first, with ids before `before`."""
+    query = select(Proposal).order_by(Proposal.id.desc()).limit(limit)
+    if covered is not None:
+        query = query.where(Proposal.map_id.in_(covered))
     if state is not None:
         query = query.where(Proposal.state == state.value)
     if before is not None:

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
@@ -97,6 +97,18 @@ def find_blob(session: Session, sha256: str) -> Blob | None:
 def find_channel(session: Session, map_id: str, *, channel: str) -> Channel | None:
     """Return the pointer of a map's channel, or None when nothing was ever published on it."""
     return session.get(Channel, (map_id, channel))
+
+
+def channels_of(
+    session: Session, *, covered: Collection[str] | None, map_id: str | None
+) -> Sequence[Channel]:
+    """Return where the channels of these maps point, by map and name; None asks for all maps."""
+    query = select(Channel).order_by(Channel.map_id, Channel.name)
+    if covered is not None:
+        query = query.where(Channel.map_id.in_(covered))
+    if map_id is not None:
+        query = query.where(Channel.map_id == map_id)
+    return session.scalars(query).all()
 
 
 def list_channels(session: Session, map_id: str) -> Sequence[Channel]:

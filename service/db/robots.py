@@ -148,6 +148,35 @@ def list_robots(
     return [(row[0], row[1]) for row in session.execute(query)]
 
 
+@dataclass(frozen=True)
+class RobotGroup:
+    """Hold how many robots of a channel should run the same revision, run the same, and said the same."""
+
+    map_id: str
+    channel: str
+    wanted_n: int | None
+    enabled_n: int | None
+    state: str | None
+    reported_n: int | None
+    robots: int
+
+
+def count_robots(
+    session: Session, *, covered: Collection[str] | None, map_id: str | None
+) -> Sequence[RobotGroup]:
+    """Return the robots of these maps, counted by what they should run, run, and reported last."""
+    columns = (
+        Robot.map_id, Robot.channel, _WANTED, Robot.enabled_n, Robot.state, Robot.reported_n,
+    )  # fmt: skip
+    same = and_(Channel.map_id == Robot.map_id, Channel.name == Robot.channel)
+    query = select(*columns, func.count()).select_from(Robot).outerjoin(Channel, same).group_by(*columns)
+    if covered is not None:
+        query = query.where(Robot.map_id.in_(covered))
+    if map_id is not None:
+        query = query.where(Robot.map_id == map_id)
+    return [RobotGroup(*row) for row in session.execute(query.order_by(*columns[:3]))]
+
+
 def wanted_revision(session: Session, robot: Robot) -> int | None:
     """Return the revision that a roll-out gives the robot, or that its channel points to, or None."""
     if robot.assigned_n is not None:

@@ -52,12 +52,12 @@ def list_proposals(
     session: Session,
     actor: Actor,
     *,
-    map_id: str,
+    map_id: str | None,
     state: ProposalState | None,
     before: str | None,
     limit: int,
 ) -> Sequence[Proposal]:
-    """Return up to `limit` proposals of a map, newest first, with ids before `before`.
+    """Return up to `limit` proposals of a map, or of all that the key covers, newest first, before `before`.
 
     Raises
     ------
@@ -65,8 +65,10 @@ def list_proposals(
         If there is no such map for the key.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
-    covered_map(session, actor, map_id=map_id)
-    return table.list_proposals(session, map_id, state=state, before=before, limit=limit)
+    covered = actor.map_ids
+    if map_id is not None:
+        covered = frozenset({covered_map(session, actor, map_id=map_id).id})
+    return table.list_proposals(session, covered=covered, state=state, before=before, limit=limit)
 
 
 def accept_proposal(kernel: Kernel, session: Session, actor: Actor, *, proposal_id: str) -> Revised:

@@ -9,7 +9,7 @@ from enum import StrEnum
 from sqlalchemy.orm import Session
 
 from service.db import robots as table
-from service.db.robots import Robot, RobotFilter, RobotReport
+from service.db.robots import Robot, RobotFilter, RobotGroup, RobotReport
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RobotNotFound, VehicleTaken
 from service.domain.lifecycle import RobotState, Role
@@ -35,6 +35,19 @@ class Progress(StrEnum):
     UP_TO_DATE = "up-to-date"
 
 
+def progress_of(robot: Robot | RobotGroup, wanted_n: int | None) -> Progress:
+    """Return how far robots have come with a revision, or with None; the latest report decides."""
+    if wanted_n is None:
+        return Progress.NOTHING_PUBLISHED
+    if robot.enabled_n == wanted_n:
+        return Progress.UP_TO_DATE
+    if robot.state is None:
+        return Progress.NEVER_REPORTED
+    if robot.reported_n != wanted_n:
+        return Progress.NOT_BEGUN
+    return Progress.FAILED if robot.state == RobotState.FAILED else Progress.NOT_ENABLED
+
+
 @dataclass(frozen=True)
 class Followed:
     """Hold a robot with the revision that it should have; None when nothing is published on its channel."""
@@ -45,16 +58,7 @@ class Followed:
     @property
     def progress(self) -> Progress:
         """Return how far the robot has come; the latest report decides."""
-        robot = self.robot
-        if self.wanted_n is None:
-            return Progress.NOTHING_PUBLISHED
-        if robot.enabled_n == self.wanted_n:
-            return Progress.UP_TO_DATE
-        if robot.state is None:
-            return Progress.NEVER_REPORTED
-        if robot.reported_n != self.wanted_n:
-            return Progress.NOT_BEGUN
-        return Progress.FAILED if robot.state == RobotState.FAILED else Progress.NOT_ENABLED
+        return progress_of(self.robot, self.wanted_n)
 
     @property
     def is_behind(self) -> bool:

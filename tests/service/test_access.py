@@ -139,6 +139,8 @@ ROUTES = (
     Route("GET", "/v1/webhooks/{webhook_id}/deliveries", ADMINS, "webhook-not-found"),
     Route("POST", "/v1/webhooks/{webhook_id}/secret", ADMINS, "webhook-not-found"),
     Route("DELETE", "/v1/webhooks/{webhook_id}", ADMINS, "webhook-not-found"),
+    Route("GET", "/v1/convergence", STAFF, None),
+    Route("GET", "/v1/proposals", STAFF, None),
     Route("GET", "/v1/session", EVERYBODY, None),
 )
 OPEN = {

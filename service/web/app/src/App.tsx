@@ -39,7 +39,7 @@ function pageOf(path: string[], session: Session) {
   if (first === "maps" && id && second === "compare") return <ComparePage mapId={id} from={Number(third)} to={Number(fourth)} />;
   if (first === "maps" && id) return <MapPage key={id} mapId={id} session={session} />;
   if (first === "jobs") return <Jobs />;
-  if (first === "fleet") return <Fleet />;
+  if (first === "fleet") return <Fleet session={session} />;
   if (first === "audit" && session.role === "admin") return <Audit />;
   if (first === "keys" && session.role === "admin" && !session.map_ids) return <Keys />;
   if (first === "system") return <System />;

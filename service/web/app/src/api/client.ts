@@ -17,6 +17,8 @@ export type Publication = Schemas["PublicationOut"];
 export type Layer = Schemas["LayerOut"];
 export type Proposal = Schemas["ProposalOut"];
 export type Rollout = Schemas["RolloutOut"];
+export type Convergence = Schemas["ConvergenceOut"];
+export type Counted = Schemas["CountedRobotsOut"];
 export type Compared = Schemas["ComparedOut"];
 export type Operation = NonNullable<Schemas["RevisionIn"]["operations"]>[number];
 

@@ -1,5 +1,5 @@
 import { useState } from "preact/hooks";
-import { all, get, type Drawing, type Job, type Page, type Placement, type Robot, type Schemas, type Session, type SiteMap, type Stats } from "../api/client";
+import { all, get, type Convergence, type Counted, type Drawing, type Job, type Page, type Placement, type Proposal, type Schemas, type Session, type SiteMap, type Stats } from "../api/client";
 import { useFleetEvents, useLoaded } from "../api/live";
 import { bytesText, named, t } from "../i18n";
 import { NewMap } from "../ui/NewMap";
@@ -17,7 +17,7 @@ interface Glance {
   maps: SiteMap[];
   published: Map<string, number>;
   latest: Map<string, number>;
-  robots: Map<string, Robot[]>;
+  robots: Map<string, Counted[]>;
   running: Job[];
   waiting: Waiting[];
   stats: Stats | null;
@@ -25,11 +25,22 @@ interface Glance {
 
 const by = <T extends { map_id: string }>(rows: T[]) => Map.groupBy(rows, (row) => row.map_id);
 
-function waitingOf(placements: Placement[], newest: Map<string, string>, drawings: Drawing[], failed: Job[]): Waiting[] {
+interface Open {
+  placements: Placement[];
+  newest: Map<string, string>;
+  proposals: Proposal[];
+  drawings: Drawing[];
+  failed: Job[];
+}
+
+function waitingOf({ placements, newest, proposals, drawings, failed }: Open): Waiting[] {
   const codes = (drawing: Drawing) => ((drawing.reading?.findings ?? []) as { code: string }[]).map((found) => found.code);
   return [
     ...placements.filter((one) => newest.get(one.scan_id) === one.id).map((one) => ({
       id: one.id, map_id: one.map_id, why: t("overview.review"), detail: one.reasons?.[0] ?? "", href: `#/maps/${one.map_id}/scans/${one.scan_id}`,
+    })),
+    ...proposals.map((one) => ({
+      id: one.id, map_id: one.map_id, why: t("overview.proposal"), detail: String(one.evidence.name ?? ""), href: `#/maps/${one.map_id}/revise`,
     })),
     ...drawings.filter((one) => codes(one).includes("scale-unknown")).map((one) => ({
       id: one.id, map_id: one.map_id, why: t("overview.scale"), detail: one.file_name, href: `#/maps/${one.map_id}/drawings/${one.id}`,
@@ -41,10 +52,11 @@ function waitingOf(placements: Placement[], newest: Map<string, string>, drawing
 }
 
 async function glance(session: Session): Promise<Glance> {
-  const [maps, revisions, robots, queued, running, judged, drawings, failed, stats] = await Promise.all([
+  const [maps, revisions, fleet, proposals, queued, running, judged, drawings, failed, stats] = await Promise.all([
     all<SiteMap>("/v1/maps"),
     all<Schemas["RevisionOut"]>("/v1/revisions?status=ready", 1000),
-    all<Robot>("/v1/robots", 10000),
+    get<Convergence>("/v1/convergence"),
+    get<Page<Proposal>>("/v1/proposals?state=open&limit=12"),
     get<Page<Job>>("/v1/jobs?state=queued&limit=20"),
     get<Page<Job>>("/v1/jobs?state=running&limit=20"),
     all<Placement>("/v1/placements", 1000),
@@ -52,27 +64,23 @@ async function glance(session: Session): Promise<Glance> {
     get<Page<Job>>("/v1/jobs?state=failed&limit=10"),
     session.role === "admin" ? get<Stats>("/v1/stats") : null,
   ]);
-  const channels = await Promise.all(maps.map((map) => get<Schemas["ChannelsOut"]>(`/v1/maps/${map.id}/channels`)));
-  const published = new Map<string, number>();
-  maps.forEach((map, k) => {
-    const stable = channels[k]!.channels.find((channel) => channel.name === "stable") ?? channels[k]!.channels[0];
-    if (stable) published.set(map.id, stable.revision_n);
-  });
+  const published = new Map(fleet.channels.filter((one) => one.channel === "stable").map((one) => [one.map_id, one.revision]));
   const latest = new Map<string, number>();
   for (const revision of revisions) latest.set(revision.map_id, Math.max(revision.n, latest.get(revision.map_id) ?? 0));
   const newest = new Map<string, string>();
   for (const one of judged) if (!newest.has(one.scan_id)) newest.set(one.scan_id, one.id);
   const review = judged.filter((one) => one.verdict === "needs-review");
   return {
-    maps, published, latest, robots: by(robots), running: [...running.items, ...queued.items],
-    waiting: waitingOf(review, newest, drawings, failed.items), stats,
+    maps, published, latest, robots: by(fleet.robots), running: [...running.items, ...queued.items],
+    waiting: waitingOf({ placements: review, newest, proposals: proposals.items, drawings, failed: failed.items }), stats,
   };
 }
 
-function RobotCounts({ robots }: { robots: Robot[] }) {
-  const failed = robots.filter((robot) => robot.progress === "failed").length;
-  const current = robots.filter((robot) => robot.progress === "up-to-date").length;
-  const behind = robots.filter((robot) => robot.behind && robot.progress !== "failed").length;
+function RobotCounts({ robots }: { robots: Counted[] }) {
+  const sum = (wanted: (progress: string) => boolean) => robots.filter((one) => wanted(one.progress)).reduce((total, one) => total + one.robots, 0);
+  const failed = sum((progress) => progress === "failed");
+  const current = sum((progress) => progress === "up-to-date");
+  const behind = sum((progress) => !["failed", "up-to-date", "nothing-published"].includes(progress));
   if (robots.length === 0) return <Chip tone="quiet">{t("overview.noRobots")}</Chip>;
   return (
     <span class="chips">
