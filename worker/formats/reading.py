@@ -271,6 +271,7 @@ def _summary(reading: Reading) -> dict[str, Any]:
         "scale": reading.scale.to_json(),
         "sheet": [round(v, _DECIMALS) for v in reading.sheet],
         "drawing_origin": [round(v, _DECIMALS) for v in reading.origin],
+        "drawing_top": None if reading.top is None else round(reading.top, _DECIMALS),
         "confidence": round(reading.confidence, 3),
         "layers": [asdict(layer) for layer in reading.layers],
         "style": reading.style,

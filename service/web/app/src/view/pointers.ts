@@ -2,8 +2,11 @@
 export interface Gestures {
   /** Whether what is at this place of the window is the thing to be dragged. */
   grabs: (x: number, y: number) => boolean;
-  move: (grabbed: boolean, dx: number, dy: number, zoom: number, turn: number) => void;
+  /** By how much since the last time, and where in the window it is now. */
+  move: (grabbed: boolean, dx: number, dy: number, zoom: number, turn: number, x: number, y: number) => void;
   wanted: () => boolean;
+  /** The last finger has left. */
+  ended?: (x: number, y: number) => void;
 }
 
 interface At {
@@ -29,17 +32,19 @@ export function followPointers(canvas: HTMLElement, gestures: Gestures): () => v
     const other = [...held].find(([id]) => id !== event.pointerId)?.[1];
     if (other) {
       const [was, is] = [between(other, before), between(other, now)];
-      gestures.move(grabbed, is.x - was.x, is.y - was.y, is.far / Math.max(1, was.far), is.angle - was.angle);
-    } else gestures.move(grabbed, now.x - before.x, now.y - before.y, 1, 0);
+      gestures.move(grabbed, is.x - was.x, is.y - was.y, is.far / Math.max(1, was.far), is.angle - was.angle, is.x, is.y);
+    } else gestures.move(grabbed, now.x - before.x, now.y - before.y, 1, 0, now.x, now.y);
     held.set(event.pointerId, now);
   };
-  const up = (event: PointerEvent) => held.delete(event.pointerId);
+  const up = (event: PointerEvent) => {
+    if (held.delete(event.pointerId) && held.size === 0) gestures.ended?.(event.clientX, event.clientY);
+  };
   const wheel = (event: WheelEvent) => {
     if (!gestures.wanted()) return;
     event.preventDefault();
     const amount = event.deltaY || event.deltaX;
-    if (event.shiftKey) gestures.move(true, 0, 0, 1, amount * 0.0015);
-    else gestures.move(false, 0, 0, Math.exp(-amount * 0.0012), 0);
+    if (event.shiftKey) gestures.move(true, 0, 0, 1, amount * 0.0015, event.clientX, event.clientY);
+    else gestures.move(false, 0, 0, Math.exp(-amount * 0.0012), 0, event.clientX, event.clientY);
   };
   canvas.addEventListener("pointerdown", down);
   canvas.addEventListener("pointermove", move);

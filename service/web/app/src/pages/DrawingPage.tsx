@@ -1,0 +1,197 @@
+/** Correct a drawing: what is a wall and what is not, how large it is, and the first map from it. */
+import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { follow, get, patch, type Drawing, type Job, type Schemas } from "../api/client";
+import { useLoaded } from "../api/live";
+import { named, t } from "../i18n";
+import { Failure, Loading, Progress } from "../ui/parts";
+import { SheetView, type Mark } from "../view/SheetView";
+import { isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Edit, type Point, type Reading, type Stroke, type StrokeLayer } from "../view/sheet";
+import { BuildPanel } from "./BuildPanel";
+import { StrokeLayers } from "./StrokeLayers";
+import { ScalePanel, type KnownLength } from "./ScalePanel";
+
+const TOOLS = ["pan", "keep", "drop", "addWall", "erase", "include", "exclude", "scale"] as const;
+type Tool = (typeof TOOLS)[number];
+const LASSOS: readonly Tool[] = ["keep", "drop", "erase", "include", "exclude"];
+const SET_ASIDE = "other";
+const COLOURS: Record<string, string> = { include: "#1c8048", exclude: "#cd2828", "erase-walls": "#cd2828", "add-wall": "#0b5cad", move: "#8a5000" };
+
+interface Open {
+  drawing: Drawing;
+  reading: Reading | null;
+  strokes: Stroke[];
+}
+
+async function open(drawingId: string): Promise<Open> {
+  const drawing = await get<Drawing>(`/v1/drawings/${drawingId}`);
+  return { drawing, reading: drawing.reading as unknown as Reading | null, strokes: await loadStrokes(drawing) };
+}
+
+function marksOf(edits: readonly Edit[], reading: Reading): Mark[] {
+  return edits.flatMap((edit) => {
+    const shape = edit.action === "add-wall" ? edit.line : edit.within;
+    return shape ? [{ ring: shape.map((at) => toDrawing(reading, at)), closed: edit.action !== "add-wall", colour: COLOURS[edit.action]! }] : [];
+  });
+}
+
+const wordsOf = (edit: Edit): string =>
+  edit.action === "move" ? (edit.to === "wall" ? t("draw.keep") : t("draw.drop")) : named("edit", edit.action);
+
+/** The corrections, each step of which can be taken back and done again. */
+function useEdits(said: readonly Edit[]) {
+  const [state, setState] = useState<{ done: readonly Edit[]; undone: readonly Edit[] }>({ done: said, undone: [] });
+  const { done, undone } = state;
+  return {
+    edits: done,
+    add: (edit: Edit) => setState({ done: [...done, edit], undone: [] }),
+    undo: done.length > 0 ? () => setState({ done: done.slice(0, -1), undone: [done.at(-1)!, ...undone] }) : undefined,
+    redo: undone.length > 0 ? () => setState({ done: [...done, undone[0]!], undone: undone.slice(1) }) : undefined,
+  };
+}
+
+interface EditorProps extends Open {
+  reading: Reading;
+  mapId: string;
+  reload: () => void;
+}
+
+function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[]): Edit {
+  if (tool === "keep") return { action: "move", within, of: shown.filter((layer) => !KEPT.includes(layer)), to: "wall" };
+  if (tool === "drop") return { action: "move", within, of: shown.filter((layer) => KEPT.includes(layer)), to: SET_ASIDE };
+  return { action: tool === "erase" ? "erase-walls" : (tool as "include" | "exclude"), within };
+}
+
+function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
+  const canvas = useRef<HTMLCanvasElement>(null);
+  const view = useRef<SheetView | null>(null);
+  const said = (drawing.options.edits ?? []) as unknown as Edit[];
+  const { edits, add, undo, redo } = useEdits(said);
+  const [tool, setTool] = useState<Tool>("pan");
+  const [clicks, setClicks] = useState<Point[]>([]);
+  const [hidden, setHidden] = useState<ReadonlySet<string>>(new Set());
+  const [job, setJob] = useState<Job | null>(null);
+  const [error, setError] = useState<unknown>(null);
+  const layers = useMemo(() => [...new Set(strokes.map((one) => one.layer))], [strokes]);
+  const unsaved = JSON.stringify(edits) !== JSON.stringify(said);
+  const lit = useMemo(() => {
+    const fresh = edits.slice(said.length).flatMap((edit) => (edit.action === "move" && edit.within ? [edit] : []));
+    const rings = fresh.map((edit) => ({ of: edit.of ?? layers, ring: edit.within!.map((at) => toDrawing(reading, at)) }));
+    return new Set(strokes.filter((one) => rings.some(({ of, ring }) => of.includes(one.layer) && mostlyInside(one, ring))).map((one) => one.id));
+  }, [edits, strokes]);
+
+  const heard = useRef({ tapped: (_: Point) => {}, drawn: (_: Point[]) => {} });
+  heard.current = {
+    tapped: (at) => {
+      if (tool !== "scale" && tool !== "addWall") return;
+      const next = clicks.length > 1 ? [at] : [...clicks, at];
+      if (tool === "addWall" && next.length === 2) {
+        add({ action: "add-wall", line: next.map((one) => toFile(reading, one)) });
+        setClicks([]);
+      } else setClicks(next);
+    },
+    drawn: (ring) => add(editFrom(tool, ring.map((at) => toFile(reading, at)), layers.filter((layer) => !hidden.has(layer)))),
+  };
+  useEffect(() => {
+    const made = new SheetView(canvas.current!, reading.sheet, { tapped: (at) => heard.current.tapped(at), drawn: (ring) => heard.current.drawn(ring) });
+    view.current = made;
+    return () => made.leave();
+  }, [reading]);
+  useEffect(() => view.current?.show(strokes, hidden, lit), [reading, strokes, hidden, lit]);
+  useEffect(() => view.current?.mark([...marksOf(edits, reading), ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : [])]), [reading, edits, clicks]);
+  useEffect(() => {
+    view.current!.lasso = LASSOS.includes(tool);
+    setClicks([]);
+  }, [tool, reading]);
+
+  const change = async (said: Schemas["DrawingPatch"]) => {
+    setError(null);
+    try {
+      const asked = await patch<Schemas["DrawingAccepted"]>(`/v1/drawings/${drawing.id}`, said);
+      setJob(asked.job);
+      const ended = await follow(asked.job, setJob);
+      if (ended.problem) throw new Error(ended.problem.detail);
+      reload();
+    } catch (cause) {
+      setError(cause);
+    } finally {
+      setJob(null);
+      setClicks([]);
+    }
+  };
+  const keyed = (event: KeyboardEvent) => {
+    const step = { ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1], "+": [0, 0, 1.25], "-": [0, 0, 0.8] }[event.key];
+    if (!step) return;
+    event.preventDefault();
+    view.current?.step(step[0]!, step[1]!, step[2]!);
+  };
+  const measured = (length: number): KnownLength => {
+    const [[x1, y1], [x2, y2]] = clicks.map((at) => toFile(reading, at)) as [Point, Point];
+    return { x1, y1, x2, y2, length_m: length };
+  };
+  return (
+    <div class="workplace">
+      <div class="stack">
+        <div class="choices" role="group" aria-label={t("draw.tools")}>
+          {TOOLS.map((one) => <button key={one} type="button" aria-pressed={tool === one} onClick={() => setTool(one)}>{t(`draw.${one}`)}</button>)}
+        </div>
+        <div class="stage">
+          <canvas ref={canvas} class={`sheet ${tool === "pan" ? "" : "crossed"}`} tabIndex={0} role="img" aria-label={t("draw.title")} onKeyDown={keyed} />
+          <div class="choices over">
+            <button type="button" aria-label={t("draw.nearer")} onClick={() => view.current?.step(0, 0, 1.4)}>+</button>
+            <button type="button" aria-label={t("draw.farther")} onClick={() => view.current?.step(0, 0, 1 / 1.4)}>−</button>
+            <button type="button" onClick={() => view.current?.fit()}>{t("draw.fit")}</button>
+          </div>
+        </div>
+        <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoHelp") : tool === "scale" ? t("draw.scaleHelp") : tool === "addWall" ? t("draw.wallHelp") : t("draw.panHelp")}</p>
+      </div>
+      <aside class="stack">
+        <div aria-live="polite" class="stack">
+          {job && <Progress job={job} />}
+          <Failure error={error} />
+        </div>
+        <section class="card" aria-label={t("draw.corrections")}>
+          <h2>{t("draw.corrections")}</h2>
+          {edits.length === 0 && <p class="quiet">{t("draw.noCorrections")}</p>}
+          <ol class="reasons">{edits.map((edit, k) => <li key={k}>{wordsOf(edit)}</li>)}</ol>
+          <div class="chips">
+            <button type="button" disabled={!undo} onClick={undo}>{t("draw.undo")}</button>
+            <button type="button" disabled={!redo} onClick={redo}>{t("draw.redo")}</button>
+            <button class="primary" type="button" disabled={!unsaved || job !== null} onClick={() => void change({ edits: [...edits] })}>{t("draw.save")}</button>
+          </div>
+        </section>
+        <ScalePanel scale={reading.scale} clicks={clicks.length} measuring={tool === "scale"} busy={job !== null}
+          measured={(length) => void change({ scale: { known_length: measured(length) } })} chosen={(metres) => void change({ scale: { metres_per_unit: metres } })} />
+        <StrokeLayers strokes={strokes} hidden={hidden} setHidden={setHidden} />
+        {reading.findings.length > 0 && (
+          <section class="card" aria-label={t("draw.findings")}>
+            <h2>{t("draw.findings")}</h2>
+            <ul class="reasons">{reading.findings.map((one, k) => <li key={k} class={one.severity}>{one.message}</li>)}</ul>
+          </section>
+        )}
+        <BuildPanel mapId={mapId} drawingId={drawing.id} blocked={unsaved || job !== null || !strokes.some(isKept) || reading.scale.metres_per_unit === null} />
+      </aside>
+    </div>
+  );
+}
+
+export default function DrawingPage({ mapId, drawingId }: { mapId: string; drawingId: string }) {
+  const { value, error, reload } = useLoaded(() => open(drawingId), [drawingId]);
+  const running = value && !value.reading && !value.drawing.job.problem;
+  useEffect(() => {
+    if (running) void follow(value.drawing.job).then(reload);
+  }, [running]);
+  return (
+    <>
+      <div class="title">
+        <h1>{t("draw.title")}</h1>
+        {value && <span class="quiet">{value.drawing.file_name}</span>}
+        {value?.reading && <span class="quiet">{t("draw.confidence")}: {Math.round(value.reading.confidence * 100)} %</span>}
+        <span class="spread" /><a class="button" href={`#/maps/${mapId}`}>{t("tablet.back")}</a>
+      </div>
+      <Failure error={error ?? (value && !value.reading && value.drawing.job.problem ? new Error(value.drawing.job.problem.detail) : null)} />
+      {!value && !error && <Loading />}
+      {running && <p class="none">{t("draw.reading")}…</p>}
+      {value?.reading && <Editor {...value} reading={value.reading} mapId={mapId} reload={reload} />}
+    </>
+  );
+}

@@ -1,0 +1,54 @@
+/** How large the drawing is: what says so, where the witnesses disagree, and a length measured by two clicks. */
+import { useState } from "preact/hooks";
+import type { Schemas } from "../api/client";
+import { named, t } from "../i18n";
+import { Chip } from "../ui/parts";
+import type { Scale } from "../view/sheet";
+
+export type KnownLength = Schemas["KnownLengthIn"];
+
+interface ScalePanelProps {
+  scale: Scale;
+  clicks: number;
+  measuring: boolean;
+  busy: boolean;
+  measured: (lengthM: number) => void;
+  chosen: (metresPerUnit: number) => void;
+}
+
+const TONES = { given: "good", found: "good", unknown: "bad" } as const;
+const unitText = (metres: number) => `${metres.toPrecision(5)} m`;
+
+/** By how much a witness differs from the scale [%]. */
+const offBy = (scale: Scale, metres: number | null) =>
+  scale.metres_per_unit && metres ? 100 * (metres / scale.metres_per_unit - 1) : null;
+
+export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }: ScalePanelProps) {
+  const [length, setLength] = useState("");
+  const metres = Number(length.replace(",", "."));
+  const go = (event: Event) => {
+    event.preventDefault();
+    measured(metres);
+  };
+  return (
+    <section class="card" aria-label={t("draw.scaleIs")}>
+      <div class="title"><h2>{t("draw.scaleIs")}</h2><Chip tone={TONES[scale.state]}>{named("scale", scale.state)}</Chip></div>
+      <p>{scale.metres_per_unit ? `${unitText(scale.metres_per_unit)} / ${t("draw.unit")}` : t("draw.unknown")}</p>
+      <ul class="reasons">
+        {scale.witnesses.map((one, k) => {
+          const off = offBy(scale, one.metres_per_unit);
+          return <li key={k}>{one.kind}: {one.detail}{off !== null && Math.abs(off) > 2 && <strong> ({off > 0 ? "+" : ""}{off.toFixed(1)} %)</strong>}</li>;
+        })}
+      </ul>
+      {scale.state === "unknown" && scale.candidates.map((one) => (
+        <button key={one.metres_per_unit} type="button" disabled={busy} onClick={() => chosen(one.metres_per_unit)}>{unitText(one.metres_per_unit)} ({one.witnesses.join(", ")})</button>
+      ))}
+      {measuring && (
+        <form onSubmit={go}>
+          <label>{t("draw.length")}<input inputmode="decimal" value={length} disabled={clicks < 2} onInput={(event) => setLength(event.currentTarget.value)} /></label>
+          <button class="primary" disabled={busy || clicks < 2 || !(metres > 0)}>{t("draw.apply")}</button>
+        </form>
+      )}
+    </section>
+  );
+}

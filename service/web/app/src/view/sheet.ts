@@ -1,0 +1,110 @@
+/** A reading as strokes: what was kept as walls, and what was set aside; and the way to the file's own coordinates. */
+import { get, type Drawing, type Schemas } from "../api/client";
+
+export type Point = [number, number];
+export type Edit = NonNullable<Schemas["DrawingPatch"]["edits"]>[number];
+
+export type StrokeLayer = Extract<Edit, { action: "move" }>["to"];
+
+export interface Stroke {
+  id: string;
+  /** `wall` and `column` are kept, every other layer is set aside. */
+  layer: StrokeLayer;
+  reason: string;
+  lines: Point[][];
+  closed: boolean;
+  low: Point;
+  high: Point;
+}
+
+export interface Scale {
+  state: "given" | "found" | "unknown";
+  metres_per_unit: number | null;
+  witnesses: { kind: string; detail: string; metres_per_unit: number | null }[];
+  candidates: { metres_per_unit: number; witnesses: string[] }[];
+}
+
+export interface Reading {
+  scale: Scale;
+  sheet: Point;
+  unit: string;
+  confidence: number;
+  drawing_origin: Point;
+  drawing_top: number | null;
+  findings: { code: string; severity: string; message: string }[];
+}
+
+export const KEPT: readonly StrokeLayer[] = ["wall", "column"];
+export const isKept = (stroke: Stroke): boolean => KEPT.includes(stroke.layer);
+
+interface Feature {
+  geometry: { type: "LineString" | "MultiLineString" | "Polygon"; coordinates: unknown };
+  properties: { id: string; layer: StrokeLayer; reason: string; faces?: Point[][] };
+}
+
+function linesOf({ geometry, properties }: Feature): { lines: Point[][]; closed: boolean } {
+  if (properties.faces?.length === 2) return { lines: [[...properties.faces[0]!, ...[...properties.faces[1]!].reverse()]], closed: true };
+  if (geometry.type === "LineString") return { lines: [geometry.coordinates as Point[]], closed: false };
+  return { lines: geometry.coordinates as Point[][], closed: geometry.type === "Polygon" };
+}
+
+function strokeOf(feature: Feature): Stroke {
+  const { lines, closed } = linesOf(feature);
+  const [low, high]: [Point, Point] = [[Infinity, Infinity], [-Infinity, -Infinity]];
+  for (const line of lines) for (const at of line) for (const axis of [0, 1] as const) {
+    low[axis] = Math.min(low[axis], at[axis]);
+    high[axis] = Math.max(high[axis], at[axis]);
+  }
+  const { id, layer, reason } = feature.properties;
+  return { id, layer, reason, lines, closed, low, high };
+}
+
+export async function loadStrokes(drawing: Drawing): Promise<Stroke[]> {
+  const files = [drawing.files.removed, drawing.files.walls].filter((path): path is string => !!path);
+  const read = await Promise.all(files.map((path) => get<{ features: Feature[] }>(path)));
+  return read.flatMap((collection) => collection.features.map(strokeOf));
+}
+
+const factorOf = (reading: Reading) => reading.scale.metres_per_unit ?? 1;
+
+/** A point of frame `drawing` in the file's own coordinates. */
+export function toFile(reading: Reading, [x, y]: Point): Point {
+  const [ox, oy] = reading.drawing_origin;
+  const up = reading.drawing_top === null ? y + oy : reading.drawing_top - y;
+  return [(x + ox) / factorOf(reading), up / factorOf(reading)];
+}
+
+/** A point of the file in frame `drawing`. */
+export function toDrawing(reading: Reading, [x, y]: readonly number[] | Point): Point {
+  const [ox, oy] = reading.drawing_origin;
+  const [fx, fy] = [x! * factorOf(reading), y! * factorOf(reading)];
+  return [fx - ox, reading.drawing_top === null ? fy - oy : reading.drawing_top - fy];
+}
+
+function isInside(ring: readonly Point[], [x, y]: Point): boolean {
+  let inside = false;
+  for (let k = 0, before = ring.length - 1; k < ring.length; before = k++) {
+    const [[ax, ay], [bx, by]] = [ring[k]!, ring[before]!];
+    if (ay > y !== by > y && x < ((bx - ax) * (y - ay)) / (by - ay) + ax) inside = !inside;
+  }
+  return inside;
+}
+
+const SAMPLES = 8;
+
+/** Whether more than half of a stroke lies in a polygon, as the service asks it, by samples along its lines. */
+export function mostlyInside(stroke: Stroke, ring: readonly Point[]): boolean {
+  let [inside, all] = [0, 0];
+  for (const line of stroke.lines) {
+    for (let k = 0; k + 1 < line.length; k++) {
+      const [[ax, ay], [bx, by]] = [line[k]!, line[k + 1]!];
+      const far = Math.hypot(bx - ax, by - ay);
+      for (let s = 0; s < SAMPLES; s++) {
+        const share = (s + 0.5) / SAMPLES;
+        all += far;
+        if (isInside(ring, [ax + (bx - ax) * share, ay + (by - ay) * share])) inside += far;
+      }
+    }
+  }
+  return all > 0 && inside > all / 2;
+}

@@ -1,0 +1,180 @@
+"""A drawing is given its scale by two clicks, corrected by lasso and by a drawn wall, and built."""
+
+from __future__ import annotations
+
+import io
+import math
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+from PIL import Image
+from playwright.sync_api import Locator, Page, expect
+
+from demo import steps
+from demo.client import Client
+from demo.hall import Hall, synthetic_hall
+from demo.running import Running, groundplan_up
+from demo.sheet import drawing_png, known_length
+from tests.browser.conftest import Visit
+
+SEED = 5
+At = tuple[float, float]
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Hold a running service with an empty map, and a sheet whose scale is known here."""
+
+    running: Running
+    admin: Client
+    map_id: str
+    hall: Hall
+
+    def drawing(self) -> dict[str, Any]:
+        """Return the only drawing as the API tells it."""
+        (found,) = self.admin.get(f"/v1/maps/{self.map_id}/drawings")["items"]
+        return dict(found)
+
+    def features(self, name: str) -> list[dict[str, Any]]:
+        """Return the features of `walls` or `removed`."""
+        return list(self.admin.get(self.drawing()["files"][name])["features"])
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    """Give service and worker with one map."""
+    with groundplan_up(tmp_path_factory.mktemp("plant")) as running:
+        admin = Client(running.address, running.admin_key)
+        map_id = steps.make_map(admin, site="Nagoya", name="Hall 5")
+        yield Plant(running, admin, map_id, synthetic_hall(SEED))
+
+
+class Sheet:
+    """Turn places of frame `drawing` into places on the canvas."""
+
+    def __init__(self, page: Page) -> None:
+        self.page = page
+        self.canvas: Locator = page.locator("canvas.sheet[data-drawn]")
+
+    def on_page(self, at: At) -> At:
+        """Return where in the window a place is."""
+        x, y, zoom = (float(part) for part in str(self.canvas.get_attribute("data-view")).split())
+        box = self.canvas.bounding_box()
+        assert box is not None
+        middle = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        return middle[0] + (at[0] - x) * zoom, middle[1] - (at[1] - y) * zoom
+
+    def click(self, at: At) -> None:
+        """Click a place."""
+        self.page.mouse.click(*self.on_page(at))
+
+    def lasso(self, ring: list[At]) -> None:
+        """Draw around places."""
+        self.page.mouse.move(*self.on_page(ring[0]))
+        self.page.mouse.down()
+        for at in [*ring[1:], ring[0]]:
+            self.page.mouse.move(*self.on_page(at), steps=4)
+        self.page.mouse.up()
+
+    def dark(self) -> int:
+        """Return how many pixels are as dark as walls."""
+        pixels = np.asarray(Image.open(io.BytesIO(self.canvas.screenshot())).convert("RGB"))
+        return int((pixels.max(axis=-1) < 90).sum())
+
+
+def _box_around(feature: dict[str, Any]) -> list[At]:
+    """Return the corners of a box around a wall's faces, a little larger."""
+    points = np.array([at for face in feature["properties"]["faces"] for at in face])
+    (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
+    room = 0.02 * max(x1 - x0, y1 - y0)
+    return [(x0 - room, y0 - room), (x1 + room, y0 - room), (x1 + room, y1 + room), (x0 - room, y1 + room)]
+
+
+def _length(feature: dict[str, Any]) -> float:
+    a, b = feature["geometry"]["coordinates"][0], feature["geometry"]["coordinates"][-1]
+    return math.hypot(b[0] - a[0], b[1] - a[1])
+
+
+def _save(page: Page) -> None:
+    save = page.get_by_role("button", name="Save and read again")
+    save.click()
+    expect(save).to_be_disabled(timeout=60_000)
+    expect(page.locator(".progress")).to_have_count(0, timeout=60_000)
+
+
+def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
+    plant: Plant, visit: Visit, pictures: Path
+) -> None:
+    watched = visit(plant.running.address)
+    page = watched.page
+    watched.sign_in(plant.running.admin_key)
+    page.get_by_role("link", name="Hall 5").first.click()
+    drawings = page.get_by_role("region", name="Drawings")
+    file = {"name": "hall.png", "mimeType": "image/png", "buffer": drawing_png(plant.hall)}
+    drawings.get_by_label("Send a drawing").set_input_files([file])
+    drawings.get_by_role("link", name="Correct").click(timeout=60_000)
+    sheet = Sheet(page)
+    expect(sheet.canvas).to_be_visible()
+    watched.accessible()
+
+    clicked = known_length(plant.hall)
+    before = plant.drawing()["reading"]
+    factor, top = before["scale"]["metres_per_unit"] or 1.0, before["drawing_top"]
+    page.get_by_role("button", name="Set the scale").click()
+    for x, y in ((clicked.x1, clicked.y1), (clicked.x2, clicked.y2)):
+        sheet.click((x * factor, top - y * factor))
+    page.get_by_label("Length [m]").fill(f"{2 * clicked.length_m}")
+    page.get_by_role("button", name="Apply").click()
+    scale = page.get_by_role("region", name="Scale")
+    expect(scale.get_by_text("Given", exact=True)).to_be_visible(timeout=60_000)
+    given = plant.drawing()["reading"]["scale"]["metres_per_unit"]
+    truth = clicked.length_m / math.hypot(clicked.x2 - clicked.x1, clicked.y2 - clicked.y1)
+    assert given == pytest.approx(2 * truth, rel=0.01)
+    page.get_by_role("button", name="Set the scale").click()
+    factor, top = given, plant.drawing()["reading"]["drawing_top"]
+    for x, y in ((clicked.x1, clicked.y1), (clicked.x2, clicked.y2)):
+        sheet.click((x * factor, top - y * factor))
+    page.get_by_label("Length [m]").fill(f"{clicked.length_m}")
+    page.get_by_role("button", name="Apply").click()
+    expect(scale.get_by_text(re.compile(r"^0\.0(199|200)"))).to_be_visible(timeout=60_000)
+    assert plant.drawing()["reading"]["scale"]["metres_per_unit"] == pytest.approx(truth, rel=0.01)
+
+    walls = plant.features("walls")
+    inner = min((one for one in walls if one["properties"].get("faces")), key=_length)
+    name = inner["properties"]["id"]
+    dark = sheet.dark()
+    page.get_by_role("button", name="Set aside", exact=True).click()
+    sheet.lasso(_box_around(inner))
+    _save(page)
+    left = plant.features("walls")
+    assert name not in {one["properties"]["id"] for one in left}
+    kept = sum(one["properties"]["layer"] == "wall" for one in left)
+    expect(page.get_by_text(f"wall ({kept})")).to_be_visible()
+    assert sheet.dark() < dark
+    page.screenshot(path=pictures / "drawing.png")
+    page.get_by_role("button", name="Undo").click()
+    _save(page)
+    assert name in {one["properties"]["id"] for one in plant.features("walls")}
+
+    middle = (plant.drawing()["reading"]["sheet"][0] / 2, plant.drawing()["reading"]["sheet"][1] / 2)
+    ends = [(middle[0] - 2.0, middle[1]), (middle[0] + 2.0, middle[1])]
+    page.get_by_role("button", name="Draw a wall").click()
+    for end in ends:
+        sheet.click(end)
+    _save(page)
+    lines = [np.array(one["geometry"]["coordinates"]) for one in plant.features("walls")
+             if one["geometry"]["type"] == "LineString"]  # fmt: skip
+    assert any(np.abs(line[[0, -1]] - np.array(ends)).max() < 0.15 for line in lines if len(line) == 2)
+
+    page.get_by_label("Voxel size").fill("0.2")
+    page.get_by_role("button", name="Build a revision").click()
+    expect(page.get_by_role("status").filter(has_text="Revision made: 1")).to_be_visible(timeout=60_000)
+    recipe = plant.admin.get(f"/v1/maps/{plant.map_id}/revisions/1")["recipe"]
+    assert (recipe["voxel_size_m"], recipe["floor"]) == (0.2, True)
+    watched.accessible()
+    watched.clean()
