@@ -66,6 +66,7 @@ def correlate(
     *,
     yaws: NDArray[np.float64],
     window: tuple[NDArray[np.float64], NDArray[np.float64]],
+    least: float,
 ) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
     """Return the best poses of each block of 60 cm and each yaw, and how well the structure lies on faces.
 
@@ -81,6 +82,8 @@ def correlate(
         Turns to try [rad].
     window : tuple of two ndarrays of shape (2,)
         Lower and upper corner of where the scan's origin may lie, in frame `map` [m].
+    least : float
+        Share of the highest score below which a pose is left out.
 
     Returns
     -------
@@ -96,11 +99,11 @@ def correlate(
     columns = np.round(x / CELL).astype(np.int64) + first[0]
     rows = np.round(y / CELL).astype(np.int64) + first[1]
     best, at = _shift_and_add(field.images, rows, columns, heading, count[1], count[0])
-    blocks = best.shape[1]
-    flat = at.ravel()
-    centre = np.column_stack([flat % count[0], flat // count[0]]) + first + 0.5
-    poses = np.column_stack([centre * CELL + field.low, np.repeat(yaws, blocks)])
-    return poses, best.ravel().astype(np.float64) / (255.0 * max(len(xy), 1))
+    turn, block = np.nonzero(best >= np.ceil(least * best.max()))
+    row, column = np.divmod(at[turn, block], count[0])
+    x, y = (np.array([column, row]) + first[:, None] + 0.5) * CELL + field.low[:, None]
+    scores = best[turn, block].astype(np.float64) / (255.0 * max(len(xy), 1))
+    return np.column_stack([x, y, yaws[turn]]), scores
 
 
 @njit(cache=True, parallel=True)

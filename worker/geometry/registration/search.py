@@ -20,7 +20,7 @@ from worker.geometry.registration.structure import Structure
 
 _YAW_STEP = np.deg2rad(2.5)
 _MARGIN = 1.0
-_MOST_PEAKS = 96
+_MOST_PEAKS, _LEAST_PEAK = 96, 0.5
 _APART_PEAKS, _TURN_PEAKS = 0.5, np.deg2rad(7.0)
 _APART, _TURN = 0.2, np.deg2rad(3.0)
 _ROUNDS = (0.6, 0.6, 0.5, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2)
@@ -136,10 +136,11 @@ def _peaks(
         if not len(near):
             return np.zeros((0, 3)), 0
     field = face_field(feet[near], outward[near], margin=1.0)
-    poses, scores = correlate(field, structure.xy, structure.outward, yaws=yaws, window=window)
+    poses, scores = correlate(
+        field, structure.xy, structure.outward, yaws=yaws, window=window, least=_LEAST_PEAK
+    )
     tried = len(yaws) * int(np.prod(np.ceil((window[1] - window[0]) / 0.2)))
-    high = np.flatnonzero(scores >= 0.5 * scores.max())
-    top = high[np.argsort(-scores[high], kind="stable")[: 40 * _MOST_PEAKS]]
+    top = np.argsort(-scores, kind="stable")[: 40 * _MOST_PEAKS]
     top = top[_distinct(poses[top], apart=_APART_PEAKS, turn=_TURN_PEAKS, most=_MOST_PEAKS)]
     return poses[top], tried
 
