@@ -72,6 +72,9 @@ class PlacementEvidence:
     explained_share_at_top : float
         Share of the upright points in the uppermost 40 cm that are on the map: walls reach the ceiling, and
         what ends below it is an object. 1 on a cloud.
+    walled_share : float
+        Share of these that are off the map together with what is upright beneath them, as where the map has a
+        door and the scan a wall. 0 on a cloud.
     poses_compared : int
         Poses that the placement search compared before the best were refined.
     starts, starts_agreeing : int
@@ -81,6 +84,10 @@ class PlacementEvidence:
         The best pose that ended elsewhere: how far it is from the pose given.
     runner_up_inlier_share, runner_up_contradicted_share : float or None
         Its share of structure inliers, and that of points behind walls.
+    mirrored_inlier_share, mirrored_contradicted_share : float or None
+        The same of the scan's mirror image, where that fits best: near the scan's own it means that a flipped
+        axis would not show. None where it fits much less, on a cloud, and where the map as a whole is its own
+        mirror image.
     moved_m, turned_rad : float
         How far the placement went from the rough pose.
     tilt_rad : float
@@ -114,6 +121,7 @@ class PlacementEvidence:
     closed_directions: int
     undrawn_wall_share: float
     explained_share_at_top: float
+    walled_share: float
     poses_compared: int
     starts: int
     starts_agreeing: int
@@ -121,6 +129,8 @@ class PlacementEvidence:
     runner_up_turn_rad: float | None
     runner_up_inlier_share: float | None
     runner_up_contradicted_share: float | None
+    mirrored_inlier_share: float | None
+    mirrored_contradicted_share: float | None
     moved_m: float
     turned_rad: float
     tilt_rad: float

@@ -25,8 +25,10 @@ GOOD = PlacementEvidence(
     closed_directions=1,
     undrawn_wall_share=0.05,
     explained_share_at_top=0.9,
+    walled_share=0.02,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
     runner_up_inlier_share=None, runner_up_contradicted_share=None,
+    mirrored_inlier_share=None, mirrored_contradicted_share=None,
     moved_m=0.5, turned_rad=0.14, tilt_rad=0.002,
 )  # fmt: skip
 
@@ -44,6 +46,8 @@ DOUBTS: list[tuple[dict[str, Any], str]] = [
     ({"position_sensitivity_m": 0.1}, "too few sides"),
     ({"position_sensitivity_m": math.inf}, "too few sides"),
     ({"runner_up_inlier_share": 0.9, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1}, "Another pose"),
+    ({"mirrored_inlier_share": 0.95, "mirrored_contradicted_share": 0.0}, "mirror image"),
+    ({"walled_share": 0.08}, "where the map has none"),
     ({"starts_agreeing": 1}, "1 of 7 starts"),
     ({"moved_m": 8.0}, "from the rough pose"),
     ({"turned_rad": 1.5}, "from the rough pose"),
@@ -137,3 +141,10 @@ def test_a_number_that_is_not_finite_becomes_null() -> None:
     assert value["position_sensitivity_m"] is None
     assert value["yaw_sensitivity_rad"] is None
     json.dumps(value, allow_nan=False)
+
+
+def test_a_mirror_image_that_sees_through_walls_or_fits_less_leaves_nothing_open() -> None:
+    image = replace(GOOD, mirrored_inlier_share=0.95, mirrored_contradicted_share=0.05)
+    assert judge(image).verdict == "accepted"
+    assert judge(replace(image, mirrored_contradicted_share=0.003)).verdict == "needs-review"
+    assert judge(replace(image, mirrored_inlier_share=0.93, mirrored_contradicted_share=0.0)) == judge(GOOD)

@@ -190,7 +190,7 @@ def report(
     placed = theirs.apply(thin)
     numbers = {
         "tp": transformation_probability(placed, build_ndt_map(full, RESOLUTION)),
-        "fitness": euclidean_fitness_score(placed, KDTree(full)),
+        "fitness": euclidean_fitness_score(np.asarray(KDTree(full).query(placed)[0])),
     }
     agree = labels_agree
     for name, value in numbers.items():

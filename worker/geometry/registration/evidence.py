@@ -20,7 +20,11 @@ from worker.geometry.registration.fitness import (
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
-from worker.geometry.registration.undrawn import explained_share_at_top, undrawn_wall_share
+from worker.geometry.registration.undrawn import (
+    explained_share_at_top,
+    undrawn_wall_share,
+    walled_share,
+)
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
 _GLIMPSE = 0.02
@@ -57,23 +61,22 @@ def _fit(problem: Problem, pose: Transform) -> measure.Fit:
 
 
 def gather_evidence(
-    problem: Problem, found: list[Found], *, initial: Transform | None, starts: int, tried: int
-) -> PlacementEvidence:
-    """Return everything measured at the best pose, and what else was found."""
+    problem: Problem, found: list[Found], *, mirrored: Found | None, initial: Transform | None,
+    starts: int, tried: int,
+) -> PlacementEvidence:  # fmt: skip
+    """Return everything measured at the best pose, and what else was found, of the mirror image too."""
     best, pose, middle = found[0], found[0].end.T_map_scan, problem.scan.middle
     faces = problem.target.kind == "faces"
-    off = np.abs(best.fit.distance[best.fit.inlier])
+    median, rms = _residuals(best.fit)
     shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
     eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
     stated = pose_covariance(best.fit, origin=pose.translation, sided=faces, held=TILT)
     ndt_map = problem.ndt_map(pose, problem.ndt_resolution)
-    radius = problem.scan.radius + 2.0 * MARGIN
-    cloud = problem.target.near(problem.centre(pose), radius)
-    tree = problem.surfaces(pose).tree if faces else KDTree(cloud)
     placed = pose.apply(problem.scan.coarse)
-    near = tree.query(placed, distance_upper_bound=ndt_map.resolution)[0]
+    away = _away(problem, pose, placed)
     runner_up = max(found[1:], key=lambda f: f.score, default=None)
     beside = None if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
+    image = (None, None) if mirrored is None else (mirrored.fit.structure_share, mirrored.contradicted)
     moved_by, turned_by = (0.0, 0.0) if initial is None else _moved(pose, initial, middle)
     return PlacementEvidence(
         map_kind=problem.target.kind,
@@ -83,10 +86,10 @@ def gather_evidence(
         inlier_distance_m=measure.INLIER_DISTANCE,
         inlier_share=best.fit.inlier_share,
         inlier_share_of_structure=best.fit.structure_share,
-        residual_rms_m=float(np.sqrt(np.mean(off**2))) if len(off) else measure.INLIER_DISTANCE,
-        residual_median_m=float(np.median(off)) if len(off) else measure.INLIER_DISTANCE,
-        overlap_share=float(np.mean(np.isfinite(near))),
-        euclidean_fitness_score_m2=euclidean_fitness_score(placed, tree),
+        residual_rms_m=rms,
+        residual_median_m=median,
+        overlap_share=float(np.mean(away < ndt_map.resolution)),
+        euclidean_fitness_score_m2=euclidean_fitness_score(away),
         transformation_probability=transformation_probability(placed, ndt_map),
         nearest_voxel_transformation_likelihood=nearest_voxel_transformation_likelihood(placed, ndt_map),
         ndt_resolution_m=ndt_map.resolution,
@@ -103,6 +106,7 @@ def gather_evidence(
         closed_directions=_closed(best.fit) if faces else 0,
         undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
         explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
+        walled_share=walled_share(best.fit) if faces else 0.0,
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
@@ -110,10 +114,29 @@ def gather_evidence(
         runner_up_turn_rad=beside[1] if beside is not None else None,
         runner_up_inlier_share=runner_up.fit.structure_share if runner_up is not None else None,
         runner_up_contradicted_share=runner_up.contradicted if runner_up is not None else None,
+        mirrored_inlier_share=image[0],
+        mirrored_contradicted_share=image[1],
         moved_m=moved_by,
         turned_rad=turned_by,
         tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
     )
+
+
+def _residuals(fit: measure.Fit) -> tuple[float, float]:
+    """Return the median and the root mean square of the inliers' distances; their limit without any."""
+    off = np.abs(fit.distance[fit.inlier])
+    if not len(off):
+        return measure.INLIER_DISTANCE, measure.INLIER_DISTANCE
+    return float(np.median(off)), float(np.sqrt(np.mean(off**2)))
+
+
+def _away(problem: Problem, pose: Transform, placed: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return how far each placed point is from the nearest point of the map around."""
+    if problem.target.kind == "faces":
+        tree = problem.surfaces(pose).tree
+    else:
+        tree = KDTree(problem.target.near(problem.centre(pose), problem.scan.radius + 2.0 * MARGIN))
+    return np.asarray(tree.query(placed)[0], dtype=np.float64)
 
 
 def _turned(problem: Problem, pose: Transform) -> NDArray[np.float64]:

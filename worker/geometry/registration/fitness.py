@@ -4,18 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.spatial import KDTree
 
 from worker.geometry.registration.derivatives import score_points
 from worker.geometry.registration.ndt_map import NdtMap
 
 
-def euclidean_fitness_score(
-    source: NDArray[np.float64],
-    target: KDTree,
-    *,
-    max_distance: float = np.inf,
-) -> float:
+def euclidean_fitness_score(distance: NDArray[np.float64], *, max_distance: float = np.inf) -> float:
     """Return the mean squared distance from each source point to its nearest target point.
 
     Lower is better and 0 is perfect. The score says nothing about the parts of the target that no
@@ -24,10 +18,8 @@ def euclidean_fitness_score(
 
     Parameters
     ----------
-    source : ndarray of shape (N, 3), float64
-        Points already in the target's frame [m].
-    target : KDTree over M points
-        Built once by the caller; building it costs more than one query of all N points.
+    distance : ndarray of shape (N,), float64
+        From each source point, placed, to the nearest target point [m].
     max_distance : float, default inf
         Source points farther than this from every target point are left out of the mean [m].
 
@@ -39,24 +31,22 @@ def euclidean_fitness_score(
     Raises
     ------
     ValueError
-        If `source` is not (N, 3), or holds a value that is not finite.
+        If `distance` is not (N,), or holds a value that is not finite.
 
     Notes
     -----
-    O(N log M) time, O(N) memory. Same definition as `pcl::Registration::getFitnessScore`, except
-    that PCL compares the *squared* distance with the limit and returns the largest double for
-    K = 0. Ito et al. (2023), section 4.2, accept a placement at 0.038 m^2 or less.
+    Same definition as `pcl::Registration::getFitnessScore`, except that PCL compares the *squared*
+    distance with the limit and returns the largest double for K = 0. Ito et al. (2023), section 4.2,
+    accept a placement at 0.038 m^2 or less.
 
     Examples
     --------
-    >>> wall = np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]])
-    >>> round(euclidean_fitness_score(wall + [0.0, 0.1, 0.0], KDTree(wall)), 6)
+    >>> round(euclidean_fitness_score(np.array([0.1, 0.1])), 6)
     0.01
     """
-    if source.ndim != 2 or source.shape[1] != 3 or not np.isfinite(source).all():
-        msg = f"source points are (N, 3) and finite, not {source.shape}"
+    if distance.ndim != 1 or not np.isfinite(distance).all():
+        msg = f"distances are (N,) and finite, not {distance.shape}"
         raise ValueError(msg)
-    distance = np.asarray(target.query(source)[0])
     kept = distance[distance <= max_distance]
     return float(np.mean(kept**2)) if len(kept) else float("inf")
 

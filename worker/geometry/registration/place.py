@@ -17,10 +17,11 @@ from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.registration import measure
 from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.evidence import Found, gather_evidence, look_at
+from worker.geometry.registration.mirror import best_mirrored
 from worker.geometry.registration.prepare import prepare_scan
 from worker.geometry.registration.problem import Problem
 from worker.geometry.registration.refine import refine_to_surfaces
-from worker.geometry.registration.search import Region, search
+from worker.geometry.registration.search import Hypotheses, Region, search
 from worker.geometry.registration.starts import End, ends_of, merge_ends, start_poses
 from worker.geometry.registration.structure import level_shift
 from worker.geometry.registration.surfaces import Surfaces, estimate_normals
@@ -127,7 +128,7 @@ def place_scan(
     if initial is not None:
         problem.surfaces(initial)
     tell("search", 0.2)
-    tried, ends = _hypotheses(problem, initial)
+    hypotheses, ends = _hypotheses(problem, initial)
     starts: tuple[Transform, ...] = ()
     if target.kind == "cloud" and initial is not None:
         starts = start_poses(initial, initial.apply(problem.scan.middle[None])[0])
@@ -144,7 +145,18 @@ def place_scan(
     found = _refine_ends(problem, ends, tell)
     best = found[0]
     tell("measure", 0.8)
-    evidence = gather_evidence(problem, found, initial=initial, starts=len(starts), tried=tried)
+    mirrored = None
+    if hypotheses is not None and target.kind == "faces":
+        least = float(hypotheses.score.max(initial=0.0))
+        mirrored = best_mirrored(problem, best.end.T_map_scan, region=_region(initial), least=least)
+    evidence = gather_evidence(
+        problem,
+        found,
+        mirrored=mirrored,
+        initial=initial,
+        starts=len(starts),
+        tried=hypotheses.tried if hypotheses is not None else 0,
+    )
     labels = _labels(scan, problem.surfaces(best.end.T_map_scan), best.end.T_map_scan)
     candidates = tuple(
         Candidate(f.end.T_map_scan, f.fit.structure_share, f.fit.inlier_share, f.end.starts) for f in found
@@ -153,26 +165,28 @@ def place_scan(
     return Placed(best.end.T_map_scan, evidence, labels, candidates)
 
 
-def _hypotheses(problem: Problem, initial: Transform | None) -> tuple[int, list[End]]:
-    """Return how many poses the search compared, and those worth refining; the rough pose is one of them."""
-    outline = problem.target.outline
-    region = None
-    if initial is not None:
-        x, y, _ = initial.translation
-        region = Region(float(x), float(y), float(initial.rpy[2]), _ROUGH_RADIUS, _ROUGH_TURN)
+def _hypotheses(problem: Problem, initial: Transform | None) -> tuple[Hypotheses | None, list[End]]:
+    """Return what the search found, and the poses worth refining; the rough pose is one of them."""
+    outline, region = problem.target.outline, _region(initial)
     z = _height(problem, initial)
-    ends = []
-    tried = 0
+    ends, hypotheses = [], None
     if len(problem.scan.structure) >= _LEAST_STRUCTURE:
         hypotheses = search(problem.scan.structure, outline, region=region)
-        tried = hypotheses.tried
         worth = hypotheses.score >= _WORTH * hypotheses.score.max(initial=0.0)
         for x, y, yaw in hypotheses.poses[worth][:_MOST_CANDIDATES]:
             ends.append(End(Transform.from_xyz_yaw(x, y, z, yaw), 0.0, 0, True, 0))
     if initial is not None and problem.target.kind == "faces":
         x, y, _ = initial.translation
         ends.append(End(Transform.from_xyz_yaw(x, y, z, initial.rpy[2]), 0.0, 0, True, 0))
-    return tried, ends
+    return hypotheses, ends
+
+
+def _region(initial: Transform | None) -> Region | None:
+    """Return where the tablet may have been by a rough pose, if there is one."""
+    if initial is None:
+        return None
+    x, y, _ = initial.translation
+    return Region(float(x), float(y), float(initial.rpy[2]), _ROUGH_RADIUS, _ROUGH_TURN)
 
 
 def _height(problem: Problem, initial: Transform | None) -> float:

@@ -20,7 +20,8 @@ from worker.geometry.registration.structure import Structure
 
 _YAW_STEP = np.deg2rad(2.5)
 _MARGIN = 1.0
-_MOST_PEAKS, _LEAST_PEAK = 96, 0.5
+_MOST_PEAKS, _FEW_PEAKS, _LEAST_PEAK = 96, 12, 0.5
+_HEADINGS, _RARE, _ALIKE = 72, 0.005, 0.8
 _APART_PEAKS, _TURN_PEAKS = 0.5, np.deg2rad(7.0)
 _APART, _TURN = 0.2, np.deg2rad(3.0)
 _ROUNDS = (0.6, 0.6, 0.5, 0.4, 0.3, 0.3, 0.25, 0.25, 0.2, 0.2)
@@ -81,7 +82,9 @@ class Hypotheses:
         return self.on_faces - _THROUGH_WEIGHT * self.through_walls
 
 
-def search(structure: Structure, outline: Outline, *, region: Region | None) -> Hypotheses:
+def search(
+    structure: Structure, outline: Outline, *, region: Region | None, thorough: bool = True
+) -> Hypotheses:
     """Return where the structure fits the faces, anywhere or within a region; none where nothing fits.
 
     Parameters
@@ -92,16 +95,18 @@ def search(structure: Structure, outline: Outline, *, region: Region | None) -> 
         The map's.
     region : Region, optional
         Around a rough pose; the whole map where there is none.
+    thorough : bool
+        Whether every yaw is tried and 96 peaks are followed, or only those yaws at which most of the
+        structure looks as faces of the map do, and 12.
 
     Notes
     -----
-    Exhaustive at 20 cm and 2.5 degrees; then point-to-line steps with Tukey's biweight for up to 96 peaks
-    at once.
+    Exhaustive at 20 cm and 2.5 degrees; then point-to-line steps with Tukey's biweight for all peaks at once.
     """
     feet, outward = outline.samples
     if not len(feet):
         return Hypotheses(np.zeros((0, 3)), np.zeros(0), np.zeros(0), 0)
-    poses, tried = _peaks(structure, feet, outward, region)
+    poses, tried = _peaks(structure, feet, outward, region, thorough=thorough)
     if not len(poses):
         return Hypotheses(np.zeros((0, 3)), np.zeros(0), np.zeros(0), tried)
     grid = NeighbourGrid.of(_flat(feet), _flat(outward))
@@ -119,7 +124,12 @@ def search(structure: Structure, outline: Outline, *, region: Region | None) -> 
 
 
 def _peaks(
-    structure: Structure, feet: NDArray[np.float64], outward: NDArray[np.float64], region: Region | None
+    structure: Structure,
+    feet: NDArray[np.float64],
+    outward: NDArray[np.float64],
+    region: Region | None,
+    *,
+    thorough: bool,
 ) -> tuple[NDArray[np.float64], int]:
     """Return the best distinct poses of an exhaustive coarse search, and how many were tried."""
     reach = float(np.linalg.norm(structure.xy, axis=1).max()) + _MARGIN
@@ -135,14 +145,30 @@ def _peaks(
         near = np.flatnonzero(np.linalg.norm(feet - middle, axis=1) < region.radius * np.sqrt(2.0) + reach)
         if not len(near):
             return np.zeros((0, 3)), 0
+    if not thorough:
+        yaws = yaws[_alike(structure.outward, outward[near], yaws)]
     field = face_field(feet[near], outward[near], margin=1.0)
     poses, scores = correlate(
         field, structure.xy, structure.outward, yaws=yaws, window=window, least=_LEAST_PEAK
     )
     tried = len(yaws) * int(np.prod(np.ceil((window[1] - window[0]) / 0.2)))
-    top = np.argsort(-scores, kind="stable")[: 40 * _MOST_PEAKS]
-    top = top[_distinct(poses[top], apart=_APART_PEAKS, turn=_TURN_PEAKS, most=_MOST_PEAKS)]
+    most = _MOST_PEAKS if thorough else _FEW_PEAKS
+    top = np.argsort(-scores, kind="stable")[: 40 * most]
+    top = top[_distinct(poses[top], apart=_APART_PEAKS, turn=_TURN_PEAKS, most=most)]
     return poses[top], tried
+
+
+def _alike(
+    looks: NDArray[np.float64], outward: NDArray[np.float64], yaws: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    """Return at which yaws (Y,) nearly as much of the structure looks as faces do as at any."""
+    step = 2.0 * np.pi / _HEADINGS
+    of_faces = np.round(np.arctan2(outward[:, 1], outward[:, 0]) / step).astype(np.int64) % _HEADINGS
+    there = np.bincount(of_faces, minlength=_HEADINGS) >= _RARE * len(outward)
+    there |= np.roll(there, 1) | np.roll(there, -1)
+    turned = np.arctan2(looks[:, 1], looks[:, 0])[None] + yaws[:, None]
+    share = there[np.round(turned / step).astype(np.int64) % _HEADINGS].mean(axis=1)
+    return np.asarray(share >= _ALIKE * share.max(), dtype=np.bool_)
 
 
 def _distinct(
