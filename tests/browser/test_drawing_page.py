@@ -103,8 +103,9 @@ def _length(feature: dict[str, Any]) -> float:
 def _save(page: Page) -> None:
     save = page.get_by_role("button", name="Save and read again")
     save.click()
-    expect(save).to_be_disabled(timeout=60_000)
+    expect(page.locator(".progress")).to_be_visible()
     expect(page.locator(".progress")).to_have_count(0, timeout=60_000)
+    expect(save).to_be_disabled()
 
 
 def test_a_drawing_is_scaled_corrected_and_built_by_clicks(

@@ -37,6 +37,9 @@ function marksOf(edits: readonly Edit[], reading: Reading): Mark[] {
 const wordsOf = (edit: Edit): string =>
   edit.action === "move" ? (edit.to === "wall" ? t("draw.keep") : t("draw.drop")) : named("edit", edit.action);
 
+/** Corrections as a text that does not depend on the order of their members. */
+const textOf = (edits: readonly Edit[]): string => JSON.stringify(edits, ["action", "to", "strokes", "within", "of", "line", "thickness_m"]);
+
 /** The corrections, each step of which can be taken back and done again. */
 function useEdits(said: readonly Edit[]) {
   const [state, setState] = useState<{ done: readonly Edit[]; undone: readonly Edit[] }>({ done: said, undone: [] });
@@ -72,7 +75,7 @@ function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const layers = useMemo(() => [...new Set(strokes.map((one) => one.layer))], [strokes]);
-  const unsaved = JSON.stringify(edits) !== JSON.stringify(said);
+  const unsaved = textOf(edits) !== textOf(said);
   const lit = useMemo(() => {
     const fresh = edits.slice(said.length).flatMap((edit) => (edit.action === "move" && edit.within ? [edit] : []));
     const rings = fresh.map((edit) => ({ of: edit.of ?? layers, ring: edit.within!.map((at) => toDrawing(reading, at)) }));
