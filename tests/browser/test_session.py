@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import httpx
 import pytest
+from playwright.sync_api import expect
 
-from tests.browser.conftest import with_cookie
+from tests.browser.conftest import Visit, with_cookie
 from tests.server import Server
 from tests.service.asking import a_map, ok, refused
 
@@ -75,3 +76,18 @@ def test_after_signing_out_the_browser_has_no_key(server: Server) -> None:
 
 def test_a_bearer_key_needs_no_header(admin: httpx.Client) -> None:
     assert a_map(admin)
+
+
+def test_the_language_is_the_browsers_until_another_is_chosen(visit: Visit, server: Server) -> None:
+    watched = visit(server.url, locale="ja-JP")
+    page = watched.page
+    page.goto(server.url)
+    page.get_by_label("キー").fill(server.admin_key)
+    page.get_by_role("button", name="サインイン").click()
+    expect(page.get_by_role("heading", name="概要")).to_be_visible()
+    assert page.locator("html").get_attribute("lang") == "ja"
+    watched.accessible()
+    page.get_by_label("言語").select_option("en")
+    expect(page.get_by_role("heading", name="Overview")).to_be_visible()
+    page.reload()
+    expect(page.get_by_role("heading", name="Overview")).to_be_visible()

@@ -47,7 +47,8 @@ export class Stage {
     private readonly changed: (T: Matrix) => void,
   ) {
     this.T = T;
-    const dark = getComputedStyle(canvas).getPropertyValue("color-scheme").includes("dark") || matchMedia("(prefers-color-scheme: dark)").matches;
+    const theme = document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    const dark = theme === "dark";
     this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true, powerPreference: "high-performance" });
     this.scene.background = new Color(dark ? "#0d1117" : "#ffffff");
     const mapGeometry = geometryOf(map);
