@@ -248,7 +248,7 @@ def _mirrored(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
     """Return whether the scan's mirror image fits as well as the scan, so that it may be one itself."""
     if e.mirrored_inlier_share is None:
         return False
-    weight = policy.contradiction_weight
+    weight = policy.closed_contradiction_weight
     here = e.inlier_share_of_structure - weight * e.contradicted_share
     there = e.mirrored_inlier_share - weight * (e.mirrored_contradicted_share or 0.0)
     return there >= here - policy.mirror_margin

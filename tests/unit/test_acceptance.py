@@ -144,7 +144,7 @@ def test_a_number_that_is_not_finite_becomes_null() -> None:
 
 
 def test_a_mirror_image_that_sees_through_walls_or_fits_less_leaves_nothing_open() -> None:
-    image = replace(GOOD, mirrored_inlier_share=0.95, mirrored_contradicted_share=0.05)
+    image = replace(GOOD, mirrored_inlier_share=0.95, mirrored_contradicted_share=0.003)
     assert judge(image).verdict == "accepted"
-    assert judge(replace(image, mirrored_contradicted_share=0.003)).verdict == "needs-review"
+    assert judge(replace(image, mirrored_contradicted_share=0.0005)).verdict == "needs-review"
     assert judge(replace(image, mirrored_inlier_share=0.93, mirrored_contradicted_share=0.0)) == judge(GOOD)
