@@ -52,11 +52,9 @@ class AcceptancePolicy:
     furnished_undrawn_share, furnished_share_at_top : float
         They are objects where no more than this of the structure stands on one plane, and at least this share
         of what reaches the top is on the map. Left-over walls of wrong poses never are.
-    largest_walled_share : float
-        A wall from breast height to the ceiling where the map has none: one door is about that.
-    mirror_margin : float
-        A mirror image of the scan that explains the structure but for this share as well leaves open whether
-        the scan is one, as of a file with a flipped axis.
+    mirror_lead : float
+        A mirror image of the scan that explains this share more of the structure shows that the scan is one,
+        as of a file with a flipped axis. A room that is its own mirror image cannot tell.
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
         a pose that leaves structure unexplained, half of that more is asked.
@@ -89,8 +87,7 @@ class AcceptancePolicy:
     furnished_inlier_share: float = 0.65
     furnished_undrawn_share: float = 0.07
     furnished_share_at_top: float = 0.965
-    largest_walled_share: float = 0.05
-    mirror_margin: float = 0.01
+    mirror_lead: float = 0.003
     runner_up_margin: float = 0.1
     free_rival_margin: float = 0.2
     contradiction_weight: float = 2.0
@@ -219,8 +216,6 @@ def _fit_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
         )
     if e.astray_share > policy.largest_astray_share:
         doubts.append(f"{e.astray_share:.0%} of the scanned structure stands in no room of the map.")
-    if e.walled_share > policy.largest_walled_share:
-        doubts.append(f"{e.walled_share:.0%} of what reaches the ceiling is a wall where the map has none.")
     if e.tilt_rad > policy.largest_tilt_rad:
         doubts.append(f"The scan had to be tilted by {math.degrees(e.tilt_rad):.1f} degrees.")
     return doubts
@@ -245,13 +240,13 @@ def _rivalled(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
 
 
 def _mirrored(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
-    """Return whether the scan's mirror image fits as well as the scan, so that it may be one itself."""
+    """Return whether the scan's mirror image fits better than the scan, so that it seems to be one itself."""
     if e.mirrored_inlier_share is None:
         return False
     weight = policy.closed_contradiction_weight
     here = e.inlier_share_of_structure - weight * e.contradicted_share
     there = e.mirrored_inlier_share - weight * (e.mirrored_contradicted_share or 0.0)
-    return there >= here - policy.mirror_margin
+    return there > here + policy.mirror_lead
 
 
 def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[str]:
@@ -281,8 +276,8 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
         )
     if _mirrored(e, policy):
         doubts.append(
-            "The scan's mirror image fits as well, so a file with a flipped axis would not show. "
-            "Scan through a door, or more of the room."
+            "The scan's mirror image fits better: its file seems to have a flipped axis. "
+            "Export it anew, or scan more of the room."
         )
     if e.starts_agreeing < policy.least_agreement * e.starts:
         doubts.append(f"Only {e.starts_agreeing} of {e.starts} starts ended at this pose.")

@@ -72,9 +72,6 @@ class PlacementEvidence:
     explained_share_at_top : float
         Share of the upright points in the uppermost 40 cm that are on the map: walls reach the ceiling, and
         what ends below it is an object. 1 on a cloud.
-    walled_share : float
-        Share of these that are off the map together with what is upright beneath them, as where the map has a
-        door and the scan a wall. 0 on a cloud.
     poses_compared : int
         Poses that the placement search compared before the best were refined.
     starts, starts_agreeing : int
@@ -121,7 +118,6 @@ class PlacementEvidence:
     closed_directions: int
     undrawn_wall_share: float
     explained_share_at_top: float
-    walled_share: float
     poses_compared: int
     starts: int
     starts_agreeing: int

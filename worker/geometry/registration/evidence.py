@@ -20,11 +20,7 @@ from worker.geometry.registration.fitness import (
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
-from worker.geometry.registration.undrawn import (
-    explained_share_at_top,
-    undrawn_wall_share,
-    walled_share,
-)
+from worker.geometry.registration.undrawn import explained_share_at_top, undrawn_wall_share
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
 _GLIMPSE = 0.02
@@ -106,7 +102,6 @@ def gather_evidence(
         closed_directions=_closed(best.fit) if faces else 0,
         undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
         explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
-        walled_share=walled_share(best.fit) if faces else 0.0,
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,

@@ -10,7 +10,7 @@ from worker.geometry.registration.measure import Fit
 _HEADINGS = 72
 _ALIGNED = np.cos(np.deg2rad(14.0))
 _WIDTH = 0.1
-_TOP, _BREAST, _CELL = 0.4, 1.0, 0.2
+_TOP = 0.4
 
 
 def undrawn_wall_share(fit: Fit, normals: NDArray[np.float64]) -> float:
@@ -55,37 +55,5 @@ def explained_share_at_top(fit: Fit) -> float:
     """
     if not fit.upright.any():
         return 0.0
-    return float(np.mean(fit.inlier[_at_top(fit)]))
-
-
-def walled_share(fit: Fit) -> float:
-    """Return the share of the upright points in the uppermost 40 cm that stand on a wall that the map lacks.
-
-    They are off the map, and so is what is upright beneath them, down to breast height: a door that is walled
-    up. The wall above an open door has nothing beneath it.
-
-    Parameters
-    ----------
-    fit : Fit
-        At the pose.
-    """
-    top = _at_top(fit)
-    if not top.any():
-        return 0.0
-    low = fit.placed[top, 2].min() - _TOP
-    beneath = fit.upright & ~fit.inlier & (fit.placed[:, 2] > _BREAST) & (fit.placed[:, 2] < low)
-    cells = [
-        np.floor(fit.placed[among, :2] / _CELL).astype(np.int64) for among in (top & ~fit.inlier, beneath)
-    ]
-    above, held = ((cell[:, 0] << 32) + cell[:, 1] for cell in cells)
-    around = [(i << 32) + j for i in (-1, 0, 1) for j in (-1, 0, 1)]
-    walled = np.any([np.isin(above + step, held) for step in around], axis=0)
-    return float(np.count_nonzero(walled) / np.count_nonzero(top))
-
-
-def _at_top(fit: Fit) -> NDArray[np.bool_]:
-    """Return which points are upright and in the uppermost 40 cm."""
-    if not fit.upright.any():
-        return fit.upright
     top = np.percentile(fit.placed[fit.upright, 2], 99.0) - _TOP
-    return np.asarray(fit.upright & (fit.placed[:, 2] > top), dtype=np.bool_)
+    return float(np.mean(fit.inlier[fit.upright & (fit.placed[:, 2] > top)]))
