@@ -46,6 +46,8 @@ class AcceptancePolicy:
         walls. Of wrong poses next to none is so.
     closed_inlier_share, closed_share_of_all, closed_residual_m, closed_sensitivity_m, closed_rival : float
         What is asked there in place of the other limits; a rival explains this much of what the pose does.
+    closed_share_at_top : float
+        So much of what reaches the top is on the map: else the map lacks walls, or has them elsewhere.
     furnished_inlier_share : float
         What is asked of the structure where walls of the map close the room in one direction, a third one
         holds the other, and what is left over are objects that hide walls, standing freely in the room.
@@ -84,6 +86,7 @@ class AcceptancePolicy:
     closed_residual_m: float = 0.04
     closed_sensitivity_m: float = 0.06
     closed_rival: float = 0.7
+    closed_share_at_top: float = 0.9
     furnished_inlier_share: float = 0.65
     furnished_undrawn_share: float = 0.07
     furnished_share_at_top: float = 0.965
@@ -147,6 +150,7 @@ def _closed(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
         e.closed_directions == 2
         and e.contradicted_share <= policy.largest_contradicted_share
         and e.astray_share <= policy.closed_astray_share
+        and e.explained_share_at_top >= policy.closed_share_at_top
     )
 
 

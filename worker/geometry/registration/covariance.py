@@ -23,6 +23,8 @@ _TILT = np.deg2rad(1.0)
 _UNHELD = 1e-6
 _SHORT = 0.5
 _NOISE, _ALIKE = 0.003, 10.0
+_CALIBRATION = 0.75
+"""Without it the 95 % ellipsoid held 98.7 % of the errors of 1,775 accepted placements in generated halls."""
 _LEVEL = 0.7
 _ON_FACES = (np.deg2rad(2.0), 0.02)
 _ON_CLOUD = (np.deg2rad(20.0), 0.5)
@@ -81,7 +83,8 @@ def pose_covariance(
     weighs it by the place along the surface; the covariance is that of x (the sandwich of White 1980, by
     clusters). The variance of e_k is the sum of the squared mean residuals over its expected value at
     variance 1, shrunk to 6 mm with the weight of three surfaces; that of t_k is found in the same way. The
-    points' own noise is added as if ten neighbours always erred alike.
+    points' own noise is added as if ten neighbours always erred alike. All of it is scaled so that the
+    ellipsoid of 95 % holds 95 % of measured errors.
     """
     p, n, r = fit.placed[fit.inlier], fit.plane[fit.inlier], fit.distance[fit.inlier]
     if len(p) < 6:
@@ -100,7 +103,7 @@ def pose_covariance(
     shrunk = A_inverse @ np.diag(np.sqrt(prior))
     tilt = shrunk * (_TILT * np.sqrt(prior))
     noise = _ALIKE * float(np.mean(r**2) + _NOISE**2) * A_inverse
-    matrix = spread @ spread.T + tilt @ tilt.T + noise
+    matrix = _CALIBRATION * (spread @ spread.T + tilt @ tilt.T + noise)
     return PoseCovariance((matrix + matrix.T) / 2.0, offset, turn)
 
 
