@@ -29,7 +29,7 @@ const en = {
   "keys.copy": "Copy", "keys.copied": "Copied",
   "system.health": "Health", "system.ok": "Everything works", "system.version": "Version", "system.queue": "Oldest waiting job", "system.totals": "Kept here", "system.reference": "API reference",
   "place.title": "Place the scan", "place.above": "From above", "place.room": "In 3-D", "place.snap": "Snap", "place.accept": "Accept", "place.acceptReviewed": "I looked: accept", "place.everywhere": "Look everywhere",
-  "place.x": "x [m]", "place.y": "y [m]", "place.yaw": "Turn [°]", "place.hint": "Drag the scan to its place; turn it with two fingers, with Shift and the wheel, or by numbers.",
+  "place.x": "x [m]", "place.y": "y [m]", "place.z": "Height [m]", "place.yaw": "Turn [°]", "place.hint": "Drag the scan to its place; turn it with two fingers, with Shift and the wheel, or by numbers.",
   "place.candidates": "Where could it be?", "place.verdict": "Verdict", "place.accepted": "Fits", "place.needs-review": "Needs a look", "place.rejected": "Does not fit",
   "place.map": "Map", "place.scan": "Scan", "place.noMap": "The map has no ready revision to place the scan on.", "place.building": "Building the new revision", "place.made": "Revision made:", "place.searching": "Looking for the place",
   "place.left": "Turn left", "place.right": "Turn right", "place.noScan": "The scan has not been read yet.", "place.view": "View", "place.ago": "before", "place.take": "Take",

@@ -31,7 +31,7 @@ const ja: Words = {
   "keys.copy": "コピー", "keys.copied": "コピーしました",
   "system.health": "稼働状況", "system.ok": "すべて正常です", "system.version": "バージョン", "system.queue": "最も古い待機ジョブ", "system.totals": "保管しているもの", "system.reference": "APIリファレンス",
   "place.title": "スキャンの位置合わせ", "place.above": "上から", "place.room": "3D", "place.snap": "自動で合わせる", "place.accept": "採用", "place.acceptReviewed": "確認したので採用", "place.everywhere": "全体から探す",
-  "place.x": "x [m]", "place.y": "y [m]", "place.yaw": "向き [°]", "place.hint": "スキャンを正しい場所へドラッグします。回すには2本指、またはShiftを押しながらホイールを使います。",
+  "place.x": "x [m]", "place.y": "y [m]", "place.z": "高さ [m]", "place.yaw": "向き [°]", "place.hint": "スキャンを正しい場所へドラッグします。回すには2本指、またはShiftを押しながらホイールを使います。",
   "place.candidates": "どの場所ですか", "place.verdict": "判定", "place.accepted": "合っています", "place.needs-review": "確認が必要", "place.rejected": "合っていません",
   "place.map": "地図", "place.scan": "スキャン", "place.noMap": "この地図には位置合わせに使えるリビジョンがまだありません。", "place.building": "新しいリビジョンを作成中", "place.made": "リビジョンができました:", "place.searching": "場所を探しています",
   "place.left": "左に回す", "place.right": "右に回す", "place.noScan": "スキャンはまだ読み取られていません。", "place.view": "表示", "place.ago": "前", "place.take": "これを使う",

@@ -100,7 +100,9 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const pose = poseOf(T);
   const set = (change: Partial<typeof pose>) => {
     const next = { ...pose, ...change };
-    show(moved(T, { x: next.x - pose.x, y: next.y - pose.y, yaw: next.yaw - pose.yaw }, [0, 0, 0]), null);
+    const there = moved(T, { x: next.x - pose.x, y: next.y - pose.y, yaw: next.yaw - pose.yaw }, [0, 0, 0]);
+    there[2]![3] = next.z;
+    show(there, null);
   };
 
   const snap = async (rough: boolean) => {
@@ -151,6 +153,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
         <div class="numbers">
           <NumberField label={t("place.x")} step={0.1} value={pose.x} set={(x) => set({ x })} />
           <NumberField label={t("place.y")} step={0.1} value={pose.y} set={(y) => set({ y })} />
+          <NumberField label={t("place.z")} step={0.05} value={pose.z} set={(z) => set({ z })} />
           <NumberField label={t("place.yaw")} step={1} value={(pose.yaw * 180) / Math.PI} set={(degrees) => set({ yaw: (degrees * Math.PI) / 180 })} />
         </div>
         <div class="chips">

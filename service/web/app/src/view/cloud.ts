@@ -9,42 +9,87 @@ export interface Cloud {
 
 const MOST_POINTS = 200_000;
 
-function headerOf(bytes: Uint8Array): { lines: Map<string, string>; offset: number } {
+interface Header {
+  stride: number;
+  points: number;
+  offset: number;
+}
+
+function headerOf(bytes: Uint8Array): Header | null {
   const text = new TextDecoder("latin1").decode(bytes.subarray(0, 2048));
   const end = text.indexOf("DATA binary\n");
+  if (end < 0 && bytes.length < 2048) return null;
   if (end < 0) throw new Error("The points have an encoding that this page does not read.");
   const lines = new Map(text.slice(0, end).split("\n").map((line) => [line.split(" ")[0]!, line.split(" ").slice(1).join(" ")]));
-  return { lines, offset: end + "DATA binary\n".length };
+  const stride = lines.get("SIZE")!.split(" ").map(Number).reduce((sum, size) => sum + size, 0);
+  return { stride, points: Number(lines.get("POINTS")), offset: end + "DATA binary\n".length };
 }
 
-/** Read a cloud; of more than 200,000 points every n-th is kept. */
-export function readCloud(buffer: ArrayBuffer): Cloud {
-  const { lines, offset } = headerOf(new Uint8Array(buffer));
-  const sizes = lines.get("SIZE")!.split(" ").map(Number);
-  const stride = sizes.reduce((sum, size) => sum + size, 0);
-  const points = Number(lines.get("POINTS"));
-  const step = Math.max(1, Math.ceil(points / MOST_POINTS));
-  const kept = Math.ceil(points / step);
-  const view = new DataView(buffer, offset);
-  const xyz = new Float32Array(kept * 3);
-  const low: [number, number, number] = [Infinity, Infinity, Infinity];
-  const high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
-  for (let k = 0; k < kept; k++) {
-    for (let axis = 0; axis < 3; axis++) {
-      const value = view.getFloat32(k * step * stride + axis * 4, true);
-      xyz[k * 3 + axis] = value;
-      if (value < low[axis]!) low[axis] = value;
-      if (value > high[axis]!) high[axis] = value;
-    }
+function joined(left: Uint8Array, right: Uint8Array): Uint8Array {
+  const both = new Uint8Array(left.length + right.length);
+  both.set(left);
+  both.set(right, left.length);
+  return both;
+}
+
+/** Points as their bytes arrive: no more is held than what is kept; of more than 200,000 points every n-th is. */
+class Gathered {
+  private readonly step: number;
+  private readonly xyz: Float32Array;
+  private readonly low: [number, number, number] = [Infinity, Infinity, Infinity];
+  private readonly high: [number, number, number] = [-Infinity, -Infinity, -Infinity];
+  private seen = 0;
+  private kept = 0;
+
+  constructor(private readonly header: Header) {
+    this.step = Math.max(1, Math.ceil(header.points / MOST_POINTS));
+    this.xyz = new Float32Array(Math.ceil(header.points / this.step) * 3);
   }
-  const centre = low.map((value, axis) => (value + high[axis]!) / 2) as [number, number, number];
-  return { xyz, centre, low, high };
+
+  /** Take the whole points in `bytes`; give back what is left of the last one. */
+  take(bytes: Uint8Array): Uint8Array {
+    const { stride, points } = this.header;
+    const whole = Math.min(Math.floor(bytes.length / stride), points - this.seen);
+    const view = new DataView(bytes.buffer, bytes.byteOffset, bytes.byteLength);
+    for (let k = (this.step - (this.seen % this.step)) % this.step; k < whole; k += this.step) {
+      for (let axis = 0; axis < 3; axis++) {
+        const value = view.getFloat32(k * stride + axis * 4, true);
+        this.xyz[this.kept * 3 + axis] = value;
+        if (value < this.low[axis]!) this.low[axis] = value;
+        if (value > this.high[axis]!) this.high[axis] = value;
+      }
+      this.kept += 1;
+    }
+    this.seen += whole;
+    return bytes.slice(whole * stride);
+  }
+
+  cloud(): Cloud {
+    if (this.seen < this.header.points) throw new Error("The points ended too early: load the page again.");
+    const centre = this.low.map((value, axis) => (value + this.high[axis]!) / 2) as [number, number, number];
+    return { xyz: this.xyz, centre, low: this.low, high: this.high };
+  }
 }
 
+/** Load a cloud piece by piece; of more than 200,000 points every n-th is kept, the others are never held. */
 export async function loadCloud(path: string): Promise<Cloud> {
   const answer = await fetch(path, { credentials: "same-origin" });
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
-  return readCloud(await answer.arrayBuffer());
+  const reader = answer.body!.getReader();
+  let left: Uint8Array = new Uint8Array(0);
+  let gathered: Gathered | null = null;
+  for (let piece = await reader.read(); !piece.done; piece = await reader.read()) {
+    left = joined(left, piece.value);
+    if (!gathered) {
+      const header = headerOf(left);
+      if (!header) continue;
+      gathered = new Gathered(header);
+      left = left.subarray(header.offset);
+    }
+    left = gathered.take(left);
+  }
+  if (!gathered) throw new Error("The points have an encoding that this page does not read.");
+  return gathered.cloud();
 }
 
 export type Matrix = number[][];
