@@ -99,6 +99,7 @@ export class Stage {
     this.asked = requestAnimationFrame(() => {
       this.renderer.render(this.scene, this.mode === "above" ? this.plan : this.room);
       this.canvas.dataset.drawn = this.mode;
+      this.canvas.dataset.points = String(this.mapPoints.geometry.getAttribute("position").count);
     });
   };
 

@@ -1,0 +1,112 @@
+"""The placement page with large maps: few points are held, and the page stays quick."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+import pytest
+from playwright.sync_api import Page, expect
+
+from demo import steps
+from demo.client import Client
+from demo.hall import WALL_HEIGHT, synthetic_hall
+from demo.running import Running, groundplan_up
+from demo.sheet import drawing_png, known_length
+from demo.survey import ply_bytes, scan_of_new_machine
+from tests.browser.conftest import Visit, Watched
+
+SEED = 1
+MOST = 200_000
+LONG_TASKS = """
+window.longest = 0;
+new PerformanceObserver(list => {
+  for (const task of list.getEntries()) window.longest = Math.max(window.longest, task.duration);
+}).observe({ type: 'longtask' });
+"""
+
+
+@dataclass(frozen=True)
+class Plant:
+    """Hold a running service with a map, and a scan that was read."""
+
+    running: Running
+    admin: Client
+    map_id: str
+    drawing_id: str
+    scan_id: str
+
+    def build(self, voxel_m: float) -> int:
+        """Return how many points a new revision has."""
+        recipe = {"voxel_size_m": voxel_m, "wall_height_m": WALL_HEIGHT, "floor": True, "ceiling": True}
+        n = steps.build_revision(self.admin, self.map_id, drawing_id=self.drawing_id, recipe=recipe)
+        head = self.admin.request(
+            "GET",
+            f"/v1/maps/{self.map_id}/revisions/{n}/artifacts/point-cloud.pcd",
+            expected=(200,),
+        ).content[:400]
+        return int(head.split(b"POINTS ")[1].split()[0])
+
+
+@pytest.fixture(scope="module")
+def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
+    """Give service and worker with a read drawing and a read scan."""
+    hall = synthetic_hall(SEED)
+    with groundplan_up(tmp_path_factory.mktemp("plant")) as running:
+        admin = Client(running.address, running.admin_key)
+        map_id = steps.make_map(admin, site="Nagoya", name="Hall 3")
+        drawing = steps.read_drawing(admin, map_id, drawing_png(hall), clicked=known_length(hall))
+        scan = steps.read_scan(admin, map_id, ply_bytes(scan_of_new_machine(hall, seed=SEED).cloud.points))
+        yield Plant(running, admin, map_id, drawing["id"], scan["id"])
+
+
+def _open(plant: Plant, watched: Watched) -> float:
+    """Return after how many seconds the first picture is there."""
+    page = watched.page
+    page.add_init_script(LONG_TASKS)
+    watched.sign_in(plant.running.admin_key)
+    begun = time.perf_counter()
+    page.goto(f"{plant.running.address}/#/maps/{plant.map_id}/scans/{plant.scan_id}")
+    expect(page.locator("canvas.cloud[data-drawn]")).to_be_visible(timeout=60_000)
+    return time.perf_counter() - begun
+
+
+def _points(page: Page) -> int:
+    return int(str(page.locator("canvas.cloud").get_attribute("data-points")))
+
+
+def test_of_a_large_cloud_few_points_are_held(plant: Plant, visit: Visit) -> None:
+    built = plant.build(0.04)
+    assert built > MOST
+    watched = visit(plant.running.address)
+    _open(plant, watched)
+    assert MOST / 2 < _points(watched.page) <= MOST
+    height = watched.page.get_by_label("Height [m]")
+    height.fill("1.25")
+    height.blur()
+    expect(height).to_have_value("1.25")
+    watched.clean()
+
+
+@pytest.mark.benchmark
+@pytest.mark.parametrize("voxel_m", [0.07, 0.016])
+def test_the_page_stays_quick(plant: Plant, visit: Visit, voxel_m: float) -> None:
+    built = plant.build(voxel_m)
+    watched = visit(plant.running.address)
+    page = watched.page
+    first_s = _open(plant, watched)
+    box = page.locator("canvas.cloud").bounding_box()
+    assert box is not None
+    loading_ms = page.evaluate("window.longest")
+    for button in ("From above", "In 3-D"):
+        page.get_by_role("button", name=button).click()
+        page.evaluate("window.longest = 0")
+        page.mouse.move(box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+        page.mouse.down()
+        for step in range(60):
+            page.mouse.move(box["x"] + box["width"] / 2 + 3 * step, box["y"] + box["height"] / 2 + step)
+        page.mouse.up()
+        dragged_ms = page.evaluate("window.longest")
+        print(f"\n{built:,} points, {_points(page):,} held: first picture after {first_s:.2f} s,"
+              f" longest task {loading_ms:.0f} ms; {button}: {dragged_ms:.0f} ms while dragging")  # fmt: skip
