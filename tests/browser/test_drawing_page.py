@@ -103,7 +103,7 @@ def _length(feature: dict[str, Any]) -> float:
 def _save(page: Page) -> None:
     save = page.get_by_role("button", name="Save and read again")
     save.click()
-    expect(page.locator(".progress")).to_be_visible()
+    expect(save).to_be_disabled()
     expect(page.locator(".progress")).to_have_count(0, timeout=60_000)
     expect(save).to_be_disabled()
 
