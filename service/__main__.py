@@ -85,8 +85,11 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
                 access_log=False,
                 server_header=False,
                 timeout_graceful_shutdown=_GRACE_S,
+                ssl_certfile=settings.tls_cert,
+                ssl_keyfile=settings.tls_key,
             )
-            address = _address(settings.host, listening.getsockname()[1])
+            scheme = "http" if settings.tls_cert is None else "https"
+            address = f"{scheme}://{_place(settings.host, listening.getsockname()[1])}"
             _Server(config, app=app, address=address).run(sockets=[listening])
     finally:
         kernel.db.close()
@@ -143,9 +146,9 @@ class _Setting(argparse.Action):
         setattr(namespace.settings, self.dest, values)
 
 
-def _address(host: str, port: int) -> str:
+def _place(host: str, port: int) -> str:
     reachable = {"0.0.0.0": "127.0.0.1", "::": "[::1]"}.get(host)  # noqa: S104 - what an operator may set
-    return f"http://{reachable or (f'[{host}]' if ':' in host else host)}:{port}"
+    return f"{reachable or (f'[{host}]' if ':' in host else host)}:{port}"
 
 
 def _say(line: str) -> None:

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Self
 
-from pydantic import Field, SecretStr, field_validator
+from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
 
 from service.domain.outbound import Network, parse_networks
@@ -31,6 +32,12 @@ class Settings(BaseSettings):
     public_url: str | None = Field(
         None, description="Address under which clients reach the service, for links in answers."
     )
+
+    tls_cert: Path | None = Field(
+        None,
+        description="PEM file of the certificate (chain) with which the service speaks HTTPS; needs the key.",
+    )
+    tls_key: Path | None = Field(None, description="PEM file of the certificate's private key.")
 
     front_prefix: str | None = Field(
         None,
@@ -87,6 +94,13 @@ class Settings(BaseSettings):
     def _are_networks(cls, value: str | None) -> str | None:
         parse_networks(value or "")
         return value
+
+    @model_validator(mode="after")
+    def _has_both_parts_of_tls(self) -> Self:
+        if (self.tls_cert is None) != (self.tls_key is None):
+            msg = "a certificate and its key belong together: give GROUNDPLAN_TLS_CERT and GROUNDPLAN_TLS_KEY"
+            raise ValueError(msg)
+        return self
 
     def networks(self) -> tuple[Network, ...]:
         """Return the networks that webhooks may lie in although they are not public."""

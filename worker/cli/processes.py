@@ -12,6 +12,8 @@ import sys
 import threading
 from pathlib import Path
 
+from worker.cli.certificate import CertificateNotMade, self_made
+
 _STOP_S = 20.0
 _LOOK_EVERY_S = 0.2
 _PR_SET_PDEATHSIG = 1
@@ -30,13 +32,16 @@ def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
     if name == "up":
         parser.add_argument("--host", help="address on which the service listens")
         parser.add_argument("--port", type=int, help="port on which the service listens; 0 takes a free one")
+        parser.add_argument("--tls", action="store_true", help="speak HTTPS, with a self-made certificate")
+        parser.add_argument("--tls-cert", type=Path, metavar="PEM", help="speak HTTPS with this certificate")
+        parser.add_argument("--tls-key", type=Path, metavar="PEM", help="private key of --tls-cert")
 
 
 def run(name: str, args: argparse.Namespace) -> int:
     """Become the process that is asked for, or start both and stay with them."""
     if name in {"serve", "migrate", "key"}:
         os.execv(sys.executable, [sys.executable, "-m", "service", name, *args.rest])  # noqa: S606
-    for option in ("data_dir", "host", "port"):
+    for option in ("data_dir", "host", "port", "tls_cert", "tls_key"):
         value = getattr(args, option, None)
         if value is not None:
             os.environ[f"GROUNDPLAN_{option.upper()}"] = str(value)
@@ -50,7 +55,19 @@ def run(name: str, args: argparse.Namespace) -> int:
         return 1
     if name in _MODULES:
         os.execv(sys.executable, [sys.executable, "-m", _MODULES[name]])  # noqa: S606
+    if args.tls and args.tls_cert is None:
+        try:
+            own = self_made(_data_dir(), host=args.host)
+        except CertificateNotMade as error:
+            print(f"groundplan up: {error}", file=sys.stderr)
+            return 1
+        os.environ |= {"GROUNDPLAN_TLS_CERT": str(own.certificate), "GROUNDPLAN_TLS_KEY": str(own.key)}
+        print(f"Certificate, self-made: trust {own.certificate} on the tablets", flush=True)
     return _up()
+
+
+def _data_dir() -> Path:
+    return Path(os.environ.get("GROUNDPLAN_DATA_DIR", "groundplan-data"))
 
 
 def _up() -> int:
