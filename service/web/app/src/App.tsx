@@ -60,6 +60,8 @@ export function App() {
     });
   }, []);
   const tablet = location.pathname === "/tablet";
+  const unreachable = error !== null && !(error instanceof Refused);
+  if (tablet && unreachable) return <Suspense fallback={<Loading />}><TabletPage /></Suspense>;
   if (error) return <main class="narrow"><Failure error={error} /></main>;
   if (session === undefined) return <main class="narrow"><Loading /></main>;
   if (session === null) return <SignIn signedIn={setSession} />;
