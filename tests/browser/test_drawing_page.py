@@ -87,7 +87,7 @@ class Sheet:
         return int((pixels.max(axis=-1) < 90).sum())
 
 
-def _box_around(feature: dict[str, Any]) -> list[At]:
+def box_around(feature: dict[str, Any]) -> list[At]:
     """Return the corners of a box around a wall's faces, a little larger."""
     points = np.array([at for face in feature["properties"]["faces"] for at in face])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
@@ -95,12 +95,12 @@ def _box_around(feature: dict[str, Any]) -> list[At]:
     return [(x0 - room, y0 - room), (x1 + room, y0 - room), (x1 + room, y1 + room), (x0 - room, y1 + room)]
 
 
-def _length(feature: dict[str, Any]) -> float:
+def length(feature: dict[str, Any]) -> float:
     a, b = feature["geometry"]["coordinates"][0], feature["geometry"]["coordinates"][-1]
     return math.hypot(b[0] - a[0], b[1] - a[1])
 
 
-def _save(page: Page) -> None:
+def save(page: Page) -> None:
     save = page.get_by_role("button", name="Save and read again")
     save.click()
     expect(save).to_be_disabled()
@@ -146,12 +146,12 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     assert plant.drawing()["reading"]["scale"]["metres_per_unit"] == pytest.approx(truth, rel=0.01)
 
     walls = plant.features("walls")
-    inner = min((one for one in walls if one["properties"].get("faces")), key=_length)
+    inner = min((one for one in walls if one["properties"].get("faces")), key=length)
     name = inner["properties"]["id"]
     dark = sheet.dark()
     page.get_by_role("button", name="Set aside", exact=True).click()
-    sheet.lasso(_box_around(inner))
-    _save(page)
+    sheet.lasso(box_around(inner))
+    save(page)
     left = plant.features("walls")
     assert name not in {one["properties"]["id"] for one in left}
     kept = sum(one["properties"]["layer"] == "wall" for one in left)
@@ -159,7 +159,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     assert sheet.dark() < dark
     page.screenshot(path=pictures / "drawing.png")
     page.get_by_role("button", name="Undo").click()
-    _save(page)
+    save(page)
     assert name in {one["properties"]["id"] for one in plant.features("walls")}
 
     middle = (plant.drawing()["reading"]["sheet"][0] / 2, plant.drawing()["reading"]["sheet"][1] / 2)
@@ -167,7 +167,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     page.get_by_role("button", name="Draw a wall").click()
     for end in ends:
         sheet.click(end)
-    _save(page)
+    save(page)
     lines = [np.array(one["geometry"]["coordinates"]) for one in plant.features("walls")
              if one["geometry"]["type"] == "LineString"]  # fmt: skip
     assert any(np.abs(line[[0, -1]] - np.array(ends)).max() < 0.15 for line in lines if len(line) == 2)

@@ -53,7 +53,7 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
         yield Plant(running, admin, map_id, ply_bytes(scan.cloud.points), scan.T_map_scan)
 
 
-def _orange(canvas: Locator) -> NDArray[np.float64]:
+def orange(canvas: Locator) -> NDArray[np.float64]:
     """Return the pixels (x, y) of the canvas that show the scan."""
     pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
     found = (pixels[..., 0] > 200) & (np.abs(pixels[..., 1] - 106) < 60) & (pixels[..., 2] < 90)
@@ -72,7 +72,7 @@ def _send_the_scan(page: Page, plant: Plant) -> None:
     scans.get_by_role("link", name="Place").click(timeout=60_000)
 
 
-def _put_roughly(page: Page, truth: Transform) -> None:
+def put_roughly(page: Page, truth: Transform) -> None:
     x, y, _ = truth.translation
     page.get_by_label("Turn [°]").fill(f"{math.degrees(truth.rpy[2]) + 6:.2f}")
     page.get_by_label("Turn [°]").blur()
@@ -81,10 +81,10 @@ def _put_roughly(page: Page, truth: Transform) -> None:
         page.get_by_label(label).blur()
 
 
-def _drag_off(page: Page, canvas: Locator) -> None:
+def drag_off(page: Page, canvas: Locator) -> None:
     """Drag the scan until the numbers say that it is two metres away."""
     before = _value(page, "x [m]")
-    at = _orange(canvas)
+    at = orange(canvas)
     box = canvas.bounding_box()
     assert box is not None
     start = at.mean(axis=0) + np.array([box["x"], box["y"]])
@@ -97,7 +97,7 @@ def _drag_off(page: Page, canvas: Locator) -> None:
     page.mouse.up()
     page.wait_for_timeout(100)
     assert abs(_value(page, "x [m]") - before) == pytest.approx(OFF_M, abs=0.3)
-    moved = _orange(canvas)
+    moved = orange(canvas)
     assert moved[:, 0].mean() - at[:, 0].mean() == pytest.approx(pixels, abs=3.0)
     assert moved[:, 1].mean() == pytest.approx(at[:, 1].mean(), abs=3.0)
 
@@ -111,10 +111,10 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     _send_the_scan(page, plant)
     canvas = page.locator("canvas.cloud[data-drawn]")
     expect(canvas).to_be_visible()
-    _put_roughly(page, plant.truth)
+    put_roughly(page, plant.truth)
     page.wait_for_timeout(100)
-    assert len(_orange(canvas)) > 500
-    _drag_off(page, canvas)
+    assert len(orange(canvas)) > 500
+    drag_off(page, canvas)
 
     page.get_by_role("button", name="Snap").click()
     accept = page.get_by_role("button", name="ccept")
@@ -127,18 +127,18 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     page.screenshot(path=pictures / "placement.png")
     page.get_by_role("button", name="In 3-D").click()
     expect(page.locator("canvas.cloud[data-drawn=room]")).to_be_visible()
-    assert len(_orange(canvas)) > 500
+    assert len(orange(canvas)) > 500
     page.screenshot(path=pictures / "placement-3d.png")
 
     accept.click()
     expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
     page.get_by_role("link", name="Back").click()
     revisions = page.get_by_role("region", name="Revisions")
-    _publish(page, revisions, "Revision 2", "Publish")
+    publish(page, revisions, "Revision 2", "Publish")
     assert plant.admin.get(f"/v1/maps/{plant.map_id}/published")["revision"] == 2
     watched.accessible()
     page.screenshot(path=pictures / "map.png")
-    _publish(page, revisions, "Revision 1", "Roll back to this")
+    publish(page, revisions, "Revision 1", "Roll back to this")
     assert plant.admin.get(f"/v1/maps/{plant.map_id}/published")["revision"] == 1
     page.get_by_role("link", name="Overview").click()
     expect(page.get_by_text("Published: 1")).to_be_visible()
@@ -147,7 +147,7 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     watched.clean()
 
 
-def _publish(page: Page, revisions: Locator, which: str, word: str) -> None:
+def publish(page: Page, revisions: Locator, which: str, word: str) -> None:
     row = revisions.get_by_role("listitem").filter(has_text=which)
     row.get_by_role("button", name=word).click()
     dialog = page.get_by_role("dialog")

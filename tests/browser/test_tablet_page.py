@@ -58,14 +58,14 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
         yield Plant(running, admin, map_id, scan_of_new_machine(hall, seed=SEED))
 
 
-def _sign_in(watched: Watched, key: str) -> None:
+def open_and_sign_in(watched: Watched, key: str) -> None:
     watched.page.goto(f"{watched.url}/tablet")
     watched.page.get_by_label("Your key").fill(key)
     watched.page.get_by_role("button", name="Sign in").tap()
     expect(watched.page.get_by_role("button", name="Begin")).to_be_visible()
 
 
-def _tap_plan(page: Page, at: tuple[float, float]) -> None:
+def tap_plan(page: Page, at: tuple[float, float]) -> None:
     plan = page.get_by_role("img", name="Roughly where?")
     box = plan.bounding_box()
     assert box is not None
@@ -76,7 +76,7 @@ def _tap_plan(page: Page, at: tuple[float, float]) -> None:
     plan.tap(position={"x": x, "y": y})
 
 
-def _until_sent(network: BadNetwork, size: float, *, patience_s: float = 60.0) -> None:
+def until_sent(network: BadNetwork, size: float, *, patience_s: float = 60.0) -> None:
     until = time.monotonic() + patience_s
     while network.sent < size:
         assert time.monotonic() < until, f"{network.sent} bytes went through"
@@ -91,7 +91,7 @@ def test_a_scan_is_sent_over_a_bad_network_watched_and_taken(
     with bad_network(plant.running.address, rate=RATE) as network:
         watched = visit(network.url, **TABLET)
         page = watched.page
-        _sign_in(watched, key)
+        open_and_sign_in(watched, key)
         watched.accessible()
         page.screenshot(path=pictures / "tablet-how.png")
         page.get_by_role("button", name="Begin").tap()
@@ -100,17 +100,17 @@ def test_a_scan_is_sent_over_a_bad_network_watched_and_taken(
         page.get_by_label("Take or choose the scan").set_input_files([file])
         x, y, _ = plant.scan.T_map_scan.translation
         yaw = plant.scan.T_map_scan.rpy[2]
-        _tap_plan(page, (x, y))
-        _tap_plan(page, (x + 2 * np.cos(yaw), y + 2 * np.sin(yaw)))
+        tap_plan(page, (x, y))
+        tap_plan(page, (x + 2 * np.cos(yaw), y + 2 * np.sin(yaw)))
         watched.accessible()
         page.screenshot(path=pictures / "tablet-where.png")
         before = network.sent
         page.get_by_role("button", name="Send", exact=True).tap()
-        _until_sent(network, before + 0.3 * len(content))
+        until_sent(network, before + 0.3 * len(content))
         network.cut()
-        _until_sent(network, before + 0.6 * len(content))
+        until_sent(network, before + 0.6 * len(content))
         page.reload()
-        _until_sent(network, before + 0.8 * len(content))
+        until_sent(network, before + 0.8 * len(content))
         network.cut()
         take = page.get_by_role("button", name="Yes, take it")
         expect(take).to_be_visible(timeout=120_000)
@@ -142,13 +142,13 @@ def test_three_hundred_megabytes_through_a_network_that_falls_every_twenty_secon
     with bad_network(plant.running.address, rate=4e6, cut_every_s=20.0) as network:
         watched = visit(network.url, **TABLET)
         page = watched.page
-        _sign_in(watched, plant.running.admin_key)
+        open_and_sign_in(watched, plant.running.admin_key)
         page.get_by_role("button", name="Begin").tap()
         page.get_by_role("button", name="Hall 3").tap()
         page.get_by_label("Take or choose the scan").set_input_files(path)
         before, begun = network.sent, time.monotonic()
         page.get_by_role("button", name="I do not know").tap()
-        _until_sent(network, before + 0.5 * size, patience_s=300)
+        until_sent(network, before + 0.5 * size, patience_s=300)
         page.reload()
         expect(page.get_by_role("alert")).to_be_visible(timeout=600_000)  # what was sent is no scan
         took, cuts, sent = time.monotonic() - begun, network.cuts, network.sent - before
