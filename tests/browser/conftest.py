@@ -28,6 +28,8 @@ FLAGS = [
     "--disable-sync",
 ]
 GRAVE = {"serious", "critical"}
+CALM = {"viewport": {"width": 1280, "height": 800}, "locale": "en-GB", "reduced_motion": "reduce"}
+"""A colour on its way from light to dark has neither's contrast: what is looked at stands still."""
 expect.set_options(timeout=20_000)
 
 
@@ -91,7 +93,7 @@ def visit(chromium: Browser) -> Iterator[Visit]:
     contexts: list[BrowserContext] = []
 
     def open_page(url: str, **options: Any) -> Watched:
-        chosen = {"viewport": {"width": 1280, "height": 800}, "locale": "en-GB"} | options
+        chosen: dict[str, Any] = CALM | options
         contexts.append(chromium.new_context(**chosen))
         return Watched(contexts[-1].new_page(), url)
 

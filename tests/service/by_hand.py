@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -28,6 +29,9 @@ from service.usecases.record_scan_reading import record_scan_reading
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 CLOUD = bytes(range(256)) * 400
+PICTURE = base64.b64decode(
+    b"iVBORw0KGgoAAAANSUhEUgAAAAEAAAABCAYAAAAfFcSJAAAADUlEQVR42mP8z8BQDwAEhQGAhKmMIQAAAABJRU5ErkJggg=="
+)
 NO_TILES = b'{"tile_size_m": 20, "tiles": []}'
 LEASE_S = 600.0
 
@@ -122,7 +126,7 @@ class ByHand:
     def build(self, job_id: str, *, cloud: bytes = CLOUD, more: Mapping[str, bytes] | None = None) -> None:
         """End the build of a revision well, with `more` files."""
         attempt = self.claim(job_id)
-        contents = {"point-cloud.pcd": cloud, "report.json": b"{}", **(more or {})}
+        contents = {"point-cloud.pcd": cloud, "preview.png": PICTURE, "report.json": b"{}", **(more or {})}
         files = {path: self.keep(content) for path, content in contents.items()}
         with self.kernel.db.writing("record-revision") as session:
             record_revision(

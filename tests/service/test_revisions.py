@@ -38,6 +38,7 @@ def test_a_revision_is_asked_for_built_and_shown(admin: httpx.Client, by_hand: B
     assert ok(admin.get(f"/v1/jobs/{made['job']['id']}"))["state"] == "succeeded"
     assert [a["path"] for a in ok(admin.get(f"{where}/artifacts"))["items"]] == [
         "point-cloud.pcd",
+        "preview.png",
         "report.json",
     ]
 

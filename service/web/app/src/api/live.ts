@@ -7,24 +7,26 @@ export interface Loaded<T> {
   reload: () => void;
 }
 
-/** Load once, again when `again` changes, and every `everyMs` while the page is in sight. */
+/** Load once, again when `again` changes, and every `everyMs` while the page is in sight and no load is under way. */
 export function useLoaded<T>(load: () => Promise<T>, again: readonly unknown[] = [], everyMs?: number): Loaded<T> {
   const [state, setState] = useState<{ value: T | null; error: unknown }>({ value: null, error: null });
   const [round, setRound] = useState(0);
   const reload = useRef(() => setRound((n) => n + 1)).current;
+  const underWay = useRef(0);
   useEffect(() => {
     let wanted = true;
+    underWay.current += 1;
     load().then(
       (value) => wanted && setState({ value, error: null }),
       (error: unknown) => wanted && setState((old) => ({ value: old.value, error })),
-    );
+    ).finally(() => { underWay.current -= 1; });
     return () => {
       wanted = false;
     };
   }, [...again, round]);
   useEffect(() => {
     if (everyMs === undefined) return;
-    const timer = setInterval(() => document.visibilityState === "visible" && reload(), everyMs);
+    const timer = setInterval(() => document.visibilityState === "visible" && underWay.current === 0 && reload(), everyMs);
     return () => clearInterval(timer);
   }, [everyMs]);
   return { ...state, reload };
