@@ -76,6 +76,13 @@ def tap_plan(page: Page, at: tuple[float, float]) -> None:
     plan.tap(position={"x": x, "y": y})
 
 
+def send_file(page: Page, name: str, content: bytes) -> None:
+    page.get_by_role("button", name="Hall 3").tap()
+    file = {"name": name, "mimeType": "application/octet-stream", "buffer": content}
+    page.get_by_label("Take or choose the scan").set_input_files([file])
+    page.get_by_role("button", name="I do not know").tap()
+
+
 def until_sent(network: BadNetwork, size: float, *, patience_s: float = 60.0) -> None:
     until = time.monotonic() + patience_s
     while network.sent < size:
@@ -131,6 +138,31 @@ def test_a_scan_is_sent_over_a_bad_network_watched_and_taken(
     # the cuts, and the lock of a fallen connection, as the browser tells them
     watched.faults = [one for one in watched.faults if not one.startswith("Failed to load resource")]
     watched.clean()
+
+
+def test_a_scan_given_up_is_sent_no_further_and_does_not_come_back(plant: Plant, visit: Visit) -> None:
+    known = {one["id"] for one in plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]}
+    unwanted = plant.scan_file(times=max(4, int(16e6 / (12 * len(plant.scan.cloud.points)))))
+    wanted = plant.scan_file(times=1)
+    with bad_network(plant.running.address, rate=RATE) as network:
+        watched = visit(network.url, **TABLET)
+        page = watched.page
+        open_and_sign_in(watched, plant.running.admin_key)
+        page.get_by_role("button", name="Begin").tap()
+        before = network.sent
+        send_file(page, "unwanted.ply", unwanted)
+        until_sent(network, before + 0.2 * len(unwanted))
+        page.get_by_role("button", name="Stop and forget it").tap()
+        send_file(page, "wanted.ply", wanted)
+        expect(page.get_by_role("link", name="Move it")).to_be_visible(timeout=120_000)
+        assert network.sent - before < 0.2 * len(unwanted) + len(wanted) + PIECE + 20 * HEADERS
+        page.get_by_role("button", name="Send another").tap()
+        expect(page.get_by_role("heading", name="Which map?")).to_be_visible()
+        page.reload()
+        expect(page.get_by_role("button", name="Begin")).to_be_visible()
+    scans = plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]
+    (sent,) = (one for one in scans if one["id"] not in known)
+    assert sent["sha256"] == hashlib.sha256(wanted).hexdigest()
 
 
 @pytest.mark.benchmark

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import socket
 import ssl
 import stat
 import subprocess
@@ -63,6 +64,21 @@ def test_https_with_a_certificate_that_is_made_once_and_can_be_trusted(tmp_path:
     with up(data, "--tls") as address:
         assert httpx.get(f"{address}/healthz", verify=trusting).status_code == 200
     assert (key.read_bytes(), (data / "tls" / "certificate.pem").read_bytes()) == made
+
+
+def test_the_certificate_names_the_address_that_tablets_in_the_plant_use(tmp_path: Path) -> None:
+    with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
+        try:
+            probe.connect(("192.0.2.1", 9))
+        except OSError:
+            pytest.skip("this machine has no network, and so no address in it")
+        address = probe.getsockname()[0]
+    data = tmp_path / "data"
+    with up(data, "--tls"):
+        pass
+    words = ["openssl", "x509", "-in", data / "tls" / "certificate.pem", "-noout", "-checkip", address]
+    told = subprocess.run(words, capture_output=True, text=True, check=True)
+    assert told.stdout.strip() == f"IP {address} does match certificate"
 
 
 def test_a_certificate_without_its_key_is_refused(tmp_path: Path) -> None:

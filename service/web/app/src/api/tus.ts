@@ -62,21 +62,22 @@ export interface Watch {
 
 const encoded = (text: string): string => btoa(String.fromCharCode(...new TextEncoder().encode(text)));
 
-async function begin(parcel: Parcel): Promise<Parcel> {
+async function begin(parcel: Parcel, signal: AbortSignal): Promise<Parcel> {
   const options = parcel.rough ? JSON.stringify({ rough_pose: parcel.rough }) : "{}";
   const said = { map_id: parcel.mapId, kind: "scan", filename: parcel.name, options };
   const metadata = Object.entries(said).map(([name, text]) => `${name} ${encoded(text)}`).join(",");
   const headers = { ...TUS, "Upload-Length": String(parcel.size), "Upload-Metadata": metadata, "Idempotency-Key": parcel.once };
-  const answer = await send("POST", "/v1/tus", { headers });
+  const answer = await send("POST", "/v1/tus", { headers, signal });
   const location = new URL(answer.headers.get("Location")!, globalThis.location.href).pathname;
+  signal.throwIfAborted();
   const begun = { ...parcel, location };
   await keep(begun);
   return begun;
 }
 
-async function sendPieces(parcel: Parcel, watch: Watch): Promise<string> {
+async function sendPieces(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
   const place = parcel.location!;
-  let answer = await send("HEAD", place, { headers: TUS });
+  let answer = await send("HEAD", place, { headers: TUS, signal });
   for (;;) {
     const offset = Number(answer.headers.get("Upload-Offset"));
     const result = answer.headers.get("Groundplan-Result");
@@ -85,22 +86,23 @@ async function sendPieces(parcel: Parcel, watch: Watch): Promise<string> {
     if (result) return result.split("/").pop()!;
     const body = parcel.file!.slice(offset, offset + PIECE_BYTES);
     const headers = { ...TUS, "Upload-Offset": String(offset), "Content-Type": "application/offset+octet-stream" };
-    answer = await send("PATCH", place, { headers, body });
+    answer = await send("PATCH", place, { headers, body, signal });
   }
 }
 
 const isGone = (cause: unknown) => cause instanceof Refused && [404, 410].includes(cause.status);
 const isPassing = (cause: unknown) => !(cause instanceof Refused) || [408, 409, 423].includes(cause.status) || cause.status >= 500;
 
-/** Send all that the service has not yet, for as long as it takes; return the id of the scan. */
+/** Send all that the service has not yet, for as long as it takes or until `signal`; return the id of the scan. */
 export async function deliver(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
   let now = parcel;
   for (;;) {
     signal.throwIfAborted();
     try {
-      if (!now.location) now = await begin(now);
-      return await sendPieces(now, watch);
+      if (!now.location) now = await begin(now, signal);
+      return await sendPieces(now, watch, signal);
     } catch (cause) {
+      signal.throwIfAborted();
       if (isGone(cause) && now.location) {
         now = { ...now, location: null, once: onceKey() };
         await keep(now);

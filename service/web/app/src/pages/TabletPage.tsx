@@ -1,4 +1,4 @@
-import { useEffect, useState } from "preact/hooks";
+import { useEffect, useRef, useState } from "preact/hooks";
 import { all, follow, get, post, type Job, type Page, type Placement, type Revision, type Scan, type Schemas, type SiteMap } from "../api/client";
 import { useLoaded } from "../api/live";
 import { deliver, forget, keep, kept, newParcel, type Parcel, type Rough } from "../api/tus";
@@ -48,9 +48,11 @@ function Sending({ parcel, again }: { parcel: Parcel; again: () => void }) {
   const [sight, setSight] = useState<Sight | null>(null);
   const [taken, setTaken] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
+  const stop = useRef(new AbortController());
 
   const run = async (signal: AbortSignal) => {
     const scanId = parcel.scanId ?? (await deliver(parcel, { sent: setBytes, waiting: setWaiting }, signal));
+    signal.throwIfAborted();
     setBytes(parcel.size);
     if (!parcel.scanId) await keep({ ...parcel, file: null, scanId });
     const sent = await get<Scan>(`/v1/scans/${scanId}`);
@@ -66,11 +68,11 @@ function Sending({ parcel, again }: { parcel: Parcel; again: () => void }) {
     setSight({ map: mapPoints, scan: points });
   };
   useEffect(() => {
-    const stop = new AbortController();
-    run(stop.signal).catch((cause: unknown) => {
-      if (!stop.signal.aborted) setError(cause);
+    const { signal } = stop.current;
+    run(signal).catch((cause: unknown) => {
+      if (!signal.aborted) setError(cause);
     });
-    return () => stop.abort();
+    return () => stop.current.abort();
   }, []);
 
   const confirm = async () => {
@@ -83,7 +85,10 @@ function Sending({ parcel, again }: { parcel: Parcel; again: () => void }) {
       setError(cause);
     }
   };
-  const drop = () => void forget().then(again);
+  const drop = () => {
+    stop.current.abort();
+    void forget().then(again);
+  };
   const percent = Math.floor((100 * bytes) / Math.max(1, parcel.size));
   const words = { accepted: t("tablet.done"), "needs-review": t("tablet.look"), rejected: t("tablet.bad") };
   return (
