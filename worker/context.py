@@ -25,8 +25,10 @@ from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
 from service.usecases.map_states import erased_of
 from worker.formats.scan import read_upright_scan
+from worker.formats.upright import load_upright
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.scan.upright import UprightScan
 
 _BETWEEN_PROGRESS_S = 0.1
 
@@ -53,9 +55,24 @@ class Messages:
         crash_points.reach(f"message-{kind}.after-send")
 
 
+@dataclass(frozen=True)
+class ScanSource:
+    """Hold where a scan's points are: its uploaded bytes, and what its job read of them, if that was kept."""
+
+    id: str
+    sha256: str
+    options: ScanOptions
+    upright_sha256: str | None
+
+    @classmethod
+    def of(cls, scan: Scan) -> ScanSource:
+        """Return the source that a row tells."""
+        return cls(scan.id, scan.blob_sha256, ScanOptions.from_json(scan.options), scan.upright_sha256)
+
+
 @dataclass(frozen=True, eq=False)
 class LayerSource:
-    """Hold what a layer of a revision is made from: a scan's bytes, its poses, and what is erased from it.
+    """Hold what a layer of a revision is made from: a scan, its poses, and what is erased from it.
 
     Parameters
     ----------
@@ -69,9 +86,7 @@ class LayerSource:
 
     layer_id: str
     name: str
-    scan_id: str
-    scan_sha256: str
-    options: ScanOptions
+    scan: ScanSource
     placed: Transform
     T_map_scan: Transform
     labels_sha256: str | None
@@ -83,9 +98,9 @@ class LayerSource:
         return {
             "layer_id": self.layer_id,
             "name": self.name,
-            "scan_id": self.scan_id,
-            "scan_sha256": self.scan_sha256,
-            "scan_options": self.options.to_json(),
+            "scan_id": self.scan.id,
+            "scan_sha256": self.scan.sha256,
+            "scan_options": self.scan.options.to_json(),
             "placed": self.placed.tolist(),
             "T_map_scan": self.T_map_scan.tolist(),
             "labels_sha256": self.labels_sha256,
@@ -142,9 +157,7 @@ class JobContext:
             LayerSource(
                 layer_id=layer.layer_id,
                 name=layer.name,
-                scan_id=layer.scan_id,
-                scan_sha256=scan.blob_sha256,
-                options=ScanOptions.from_json(scan.options),
+                scan=ScanSource.of(scan),
                 placed=Transform(np.array(placement.T_map_scan)),
                 T_map_scan=Transform(np.array(layer.T_map_scan or placement.T_map_scan)),
                 labels_sha256=placement.labels_sha256,
@@ -153,6 +166,18 @@ class JobContext:
             )
             for layer, scan, placement in rows
         ]
+
+    def load_scan(self, source: ScanSource) -> UprightScan:
+        """Return a scan as its job has read it, in frame `scan` and with the turn that makes it upright.
+
+        Raises
+        ------
+        Rejected
+            If the scan cannot be read; the leaf tells why. Only one read before this was kept can be refused.
+        """
+        if source.upright_sha256 is not None:
+            return load_upright(self.kernel.blobs.path(source.upright_sha256))
+        return read_upright_scan(self.kernel.blobs.path(source.sha256), self.bounds, options=source.options)
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
         """Return the part of a scan that a layer holds, in frame `map`, without the points that stand alone.
@@ -164,8 +189,7 @@ class JobContext:
         Rejected
             If the scan cannot be read; the leaf tells why.
         """
-        path = self.kernel.blobs.path(source.scan_sha256)
-        upright = read_upright_scan(path, self.bounds, options=source.options)
+        upright = self.load_scan(source.scan)
         scan = upright.scan.points
         labels = np.where(upright.outliers, OUTLIER, TARGET).astype(np.uint8)
         if source.labels_sha256 is not None:

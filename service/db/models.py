@@ -151,6 +151,7 @@ class Scan(Base):
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"))
     reading: Mapped[dict[str, Any] | None]
     points_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
+    upright_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     preview_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     created_at: Mapped[datetime]
     created_by: Mapped[str] = mapped_column(ForeignKey("keys.id"))

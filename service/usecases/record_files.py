@@ -16,6 +16,7 @@ _MEDIA_TYPES = {
     ".geojson": "application/geo+json",
     ".json": "application/json",
     ".npy": "application/octet-stream",
+    ".npz": "application/octet-stream",
     ".pcd": "application/octet-stream",
     ".pgm": "image/x-portable-graymap",
     ".png": "image/png",

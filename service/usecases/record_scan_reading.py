@@ -31,7 +31,7 @@ def record_scan_reading(
     reading : dict
         Counts, extent and findings.
     files : mapping of str to Stored
-        ``points.pcd`` and ``preview.png``, in the blob store already.
+        ``points.pcd``, ``preview.png`` and ``upright.npz``, in the blob store already.
 
     Raises
     ------
@@ -43,5 +43,6 @@ def record_scan_reading(
     scan = session.get_one(Scan, attempt.subject_id)
     scan.reading = reading
     scan.points_sha256 = files["points.pcd"].sha256
+    scan.upright_sha256 = files["upright.npz"].sha256
     scan.preview_sha256 = files["preview.png"].sha256
     return scan

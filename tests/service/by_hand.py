@@ -117,7 +117,7 @@ class ByHand:
             )
             scan_id, job_id = received.scan.id, received.job.id
         if read:
-            files = {name: self.keep(name.encode()) for name in ("points.pcd", "preview.png")}
+            files = {name: self.keep(name.encode()) for name in ("points.pcd", "preview.png", "upright.npz")}
             attempt = self.claim(job_id)
             with self.kernel.db.writing("record-scan-reading") as session:
                 record_scan_reading(self.kernel, session, attempt, reading={"points": 3}, files=files)

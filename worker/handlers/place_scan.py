@@ -14,12 +14,10 @@ from service.domain.acceptance import judge
 from service.domain.errors import RevisionNotReady
 from service.domain.recipe import Recipe
 from service.domain.rough_pose import RoughPose
-from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
-from worker.context import JobContext, LayerSource
+from worker.context import JobContext, LayerSource, ScanSource
 from worker.formats.reading import load_walls_and_columns
-from worker.formats.scan import read_upright_scan
 from worker.geometry.cloud.free_space import Sight, things_of
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.registration.place import Placed
@@ -36,9 +34,7 @@ _ALL = 0.8
 class _Asked:
     """Hold what a placement job is asked, as its rows say."""
 
-    scan_id: str
-    scan_sha256: str
-    options: ScanOptions
+    scan: ScanSource
     initial: Transform | None
     ndt_resolution_m: float
     revision_id: str
@@ -50,7 +46,7 @@ def place_scan(context: JobContext) -> None:
     """Place the scan and record where, how well it fits, and the verdict.
 
     1. look up the scan, the revision and the rough pose, if there is one
-    2. load the scan and make it upright; load the revision's wall faces, and the layers of other scans
+    2. load the scan as its job has read it; load the revision's wall faces, and the layers of other scans
     3. match the scan to them
     4. judge the evidence; a rejected placement is a result as well; see which layers have gone since
     5. keep the labels as a blob
@@ -58,8 +54,7 @@ def place_scan(context: JobContext) -> None:
     """
     asked = _asked(context)
     context.progress("load", 0.0)
-    path = context.kernel.blobs.path(asked.scan_sha256)
-    scan = read_upright_scan(path, context.bounds, options=asked.options)
+    scan = context.load_scan(asked.scan)
     others = _others(context, asked)
     placed = place_upright_scan(
         scan,
@@ -86,9 +81,7 @@ def _asked(context: JobContext) -> _Asked:
         if walls is None:
             raise RevisionNotReady(f"Revision {revision.n} is {revision.status}.", status=revision.status)
         return _Asked(
-            scan_id=scan.id,
-            scan_sha256=scan.blob_sha256,
-            options=ScanOptions.from_json(scan.options),
+            scan=ScanSource.of(scan),
             initial=_initial(placement.initial_pose),
             ndt_resolution_m=placement.ndt_resolution_m,
             revision_id=revision.id,
@@ -104,7 +97,7 @@ def _initial(pose: dict[str, Any] | None) -> Transform | None:
 def _others(context: JobContext, asked: _Asked) -> dict[LayerSource, PlacedLayer]:
     """Return the revision's layers without the scan itself: it would find its own earlier place."""
     sources = context.layer_sources(asked.revision_id)
-    return {one: context.load_layer(one) for one in sources if one.scan_id != asked.scan_id}
+    return {one: context.load_layer(one) for one in sources if one.scan.id != asked.scan.id}
 
 
 def _gone(

@@ -13,6 +13,7 @@ from worker.context import JobContext
 from worker.formats.pcd import write_pcd
 from worker.formats.preview import LAYER, Drawn, write_preview
 from worker.formats.scan import read_upright_scan
+from worker.formats.upright import write_upright
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.cloud.voxel_grid import filter_cloud
 from worker.geometry.scan.upright import UprightScan
@@ -28,7 +29,7 @@ def read_scan(context: JobContext) -> None:
     1. read the uploaded bytes, whatever kind they say they are
     2. find its unit, its up axis, floor and ceiling, and the points that stand alone
     3. thin them for viewers, in the file's axes, and draw them upright from above
-    4. keep these files as blobs
+    4. keep these files as blobs, and all the points with what was found, for placements and builds
     5. record the reading with the end of the job
     """
     with context.kernel.db.reading() as session:
@@ -49,7 +50,9 @@ def read_scan(context: JobContext) -> None:
         low=(float(low[0]), float(low[1])),
         high=(float(high[0]), float(high[1])),
     )
-    files = {name: context.kernel.blobs.adopt(folder / name) for name in ("points.pcd", "preview.png")}
+    write_upright(folder / "upright.npz", upright)
+    names = ("points.pcd", "preview.png", "upright.npz")
+    files = {name: context.kernel.blobs.adopt(folder / name) for name in names}
     reading = _reading(upright, thin, voxel_size)
     with context.kernel.db.writing("record-scan-reading") as session:
         record_scan_reading(context.kernel, session, context.attempt, reading=reading, files=files)

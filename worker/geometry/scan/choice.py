@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Generic, Literal, TypeVar
 
@@ -22,3 +23,8 @@ class Choice(Generic[T]):
     def to_json(self) -> dict[str, Any]:
         """Return the choice as a JSON object."""
         return {"value": self.value, "source": self.source, "evidence": list(self.evidence)}
+
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> Choice[T]:
+        """Return the choice that `to_json` wrote."""
+        return cls(value["value"], value["source"], tuple(value["evidence"]))

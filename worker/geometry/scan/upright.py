@@ -8,6 +8,7 @@ in metres, z up and level, all three are the same.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from typing import Any
@@ -82,6 +83,21 @@ class ScanFrame:
             "ceiling_height_m": None if self.ceiling is None else round(self.ceiling, 3),
         }
 
+    @classmethod
+    def from_json(cls, value: Mapping[str, Any]) -> ScanFrame:
+        """Return the frame that `to_json` wrote; tilt and heights have the digits that it kept."""
+        x, y, z = value["origin_m"]
+        return cls(
+            kind=value["kind"],
+            up=Choice.from_json(value["up"]),
+            unit=Choice.from_json(value["metres_per_unit"]),
+            origin=(x, y, z),
+            T_upright_scan=Transform.of(value["T_upright_scan"]),
+            tilt=float(np.deg2rad(value["tilt_deg"])),
+            floor=value["floor_height_m"],
+            ceiling=value["ceiling_height_m"],
+        )
+
 
 @dataclass(frozen=True, eq=False)
 class UprightScan:
@@ -93,10 +109,13 @@ class UprightScan:
         All N points in frame `scan` [m], in the file's order.
     frame : ScanFrame
         How it becomes upright.
+    outliers : ndarray of shape (N,), bool
+        Which of the points stand alone.
     """
 
     scan: PointCloud
     frame: ScanFrame
+    outliers: NDArray[np.bool_]
 
     @cached_property
     def cloud(self) -> PointCloud:
@@ -104,11 +123,6 @@ class UprightScan:
         if np.array_equal(self.frame.T_upright_scan.matrix, np.eye(4)):
             return self.scan
         return PointCloud(self.frame.T_upright_scan.apply(self.scan.points), self.scan.labels)
-
-    @cached_property
-    def outliers(self) -> NDArray[np.bool_]:
-        """Return which of the N points stand alone: shape (N,)."""
-        return find_outliers(self.scan.points)
 
     @property
     def without_outliers(self) -> PointCloud:
@@ -160,7 +174,8 @@ def make_upright(file: FileScan, options: ScanOptions | None = None) -> UprightS
         turn = _levelling(np.array(levels.tilt)) @ turn
         levels_now = find_levels(sample, turn)
         levels = Levels(levels_now.floor, levels_now.ceiling, levels.tilt)
-    return UprightScan(cloud, _frame(file, up, unit, origin, turn, levels))
+    frame = _frame(file, up, unit, origin, turn, levels)
+    return UprightScan(cloud, frame, find_outliers(cloud.points))
 
 
 def _frame(
