@@ -104,6 +104,8 @@ def _gone(
     scan: UprightScan, T_map_scan: Transform, others: Mapping[LayerSource, PlacedLayer], *, top: float
 ) -> list[dict[str, Any]]:
     """Return the things of each layer that the placed scan looked through: they seem to have gone."""
+    if not others:
+        return []
     kept = scan.scan.points[~scan.outliers]
     sight = Sight(T_map_scan.apply(kept), T_map_scan.apply(find_viewpoint(kept)[None])[0])
     told = []
