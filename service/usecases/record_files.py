@@ -14,6 +14,7 @@ from service.usecases.kernel import Kernel
 
 _MEDIA_TYPES = {
     ".geojson": "application/geo+json",
+    ".bin": "application/octet-stream",
     ".json": "application/json",
     ".npy": "application/octet-stream",
     ".npz": "application/octet-stream",

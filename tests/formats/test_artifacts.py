@@ -26,6 +26,8 @@ NAMES = [
     "occupancy-grid.pgm",
     "occupancy-grid.pgm.zst",
     "occupancy-grid.yaml",
+    "octree.bin",
+    "octree.json",
     "package.tar",
     "point-cloud.pcd",
     "point-cloud.pcd.zst",

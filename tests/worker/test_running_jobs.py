@@ -83,6 +83,8 @@ def test_a_drawing_becomes_a_revision_and_a_scan_is_placed_on_it(bench: Workbenc
         "occupancy-grid.pgm",
         "occupancy-grid.pgm.zst",
         "occupancy-grid.yaml",
+        "octree.bin",
+        "octree.json",
         "walls.geojson",
         "walls.geojson.zst",
         "manifest.json",

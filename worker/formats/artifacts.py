@@ -15,6 +15,7 @@ from service.domain.recipe import Recipe
 from service.domain.region import Region
 from worker.formats import preview
 from worker.formats.occupancy import write_occupancy
+from worker.formats.octree import write_octree
 from worker.formats.package import write_coded, write_manifest, write_package
 from worker.formats.pcd import write_pcd
 from worker.formats.reading import write_json, write_walls
@@ -69,8 +70,8 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     list of Path
         ``point-cloud.pcd`` (its points tile by tile), ``tiles/<sha256>.pcd``,
         ``pointcloud_map_metadata.yaml``, ``map_projector_info.yaml``, ``occupancy-grid.pgm``,
-        ``occupancy-grid.yaml``, ``walls.geojson``, ``manifest.json``, ``package.tar``, ``preview.png``,
-        ``report.json``, and the large ones once more as ``<name>.zst``.
+        ``occupancy-grid.yaml``, ``walls.geojson``, ``manifest.json``, ``package.tar``, ``octree.json``,
+        ``octree.bin``, ``preview.png``, ``report.json``, and the large ones once more as ``<name>.zst``.
 
     Raises
     ------
@@ -101,6 +102,8 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         raise NoWallsFound("Everything is erased: there is nothing left that a map could be made of.")
     tell("files", 0.4)
     paths = _for_robots(directory, cloud, grid, walls, columns)
+    tell("octree", 0.7)
+    paths += write_octree(directory, cloud)
     tell("preview", 0.8)
     paths.append(directory / "preview.png")
     _picture(paths[-1], walls, columns, cloud)
