@@ -34,7 +34,7 @@ def _told(text: str) -> dict[str, Any]:
 _DIGESTS = {
     "ETag": _told("SHA-256 of the bytes sent, as hex, quoted: without a coding that of the whole file."),
     "Repr-Digest": _told("SHA-256 of the bytes sent, of all of them where a range was cut out (RFC 9530)."),
-    "Unencoded-Digest": _told("SHA-256 of the whole file without any coding."),
+    "Unencoded-Digest": _told("SHA-256 of the whole file without any coding; not with a part of it."),
     "Vary": _told("The request headers that choose the coding."),
 }
 
@@ -129,6 +129,7 @@ def _send_bare(
     if asked is not None:
         (begin, end), status = asked, 206
         headers["Content-Range"] = f"bytes {begin}-{end - 1}/{file.size_bytes}"
+        headers.pop("Unencoded-Digest")  # browsers verify it against the part alone, and refuse it
     else:
         headers |= dictionary
     headers["Content-Length"] = str(end - begin)

@@ -16,6 +16,7 @@ import { Shell } from "./ui/Shell";
 import { Failure, Loading } from "./ui/parts";
 
 const PlacementPage = lazy(() => import("./pages/PlacementPage"));
+const RevisionPage = lazy(() => import("./pages/RevisionPage"));
 const DrawingPage = lazy(() => import("./pages/DrawingPage"));
 const TabletPage = lazy(() => import("./pages/TabletPage"));
 
@@ -37,6 +38,7 @@ function pageOf(path: string[], session: Session) {
   const [first, id, second, third, fourth] = path;
   if (first === "maps" && id && second === "scans" && third) return <PlacementPage key={third} mapId={id} scanId={third} />;
   if (first === "maps" && id && second === "drawings" && third) return <DrawingPage key={third} mapId={id} drawingId={third} />;
+  if (first === "maps" && id && second === "revisions" && third) return <RevisionPage key={third} mapId={id} n={Number(third)} />;
   if (first === "maps" && id && second === "revise") return <RevisePage mapId={id} />;
   if (first === "maps" && id && second === "compare") return <ComparePage mapId={id} from={Number(third)} to={Number(fourth)} />;
   if (first === "maps" && id) return <MapPage key={id} mapId={id} session={session} />;

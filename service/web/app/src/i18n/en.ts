@@ -28,6 +28,7 @@ const en = {
   "keys.new": "New key", "keys.make": "Make the key", "keys.revoke": "Revoke", "keys.once": "Copy the key now: it is not shown again.", "keys.sure": "Revoke this key? Whoever uses it is shut out at once.",
   "keys.copy": "Copy", "keys.copied": "Copied",
   "system.health": "Health", "system.ok": "Everything works", "system.version": "Version", "system.queue": "Oldest waiting job", "system.totals": "Kept here", "system.reference": "API reference",
+  "view.picked": "Point picked", "view.hint": "Click on a point for its place", "view.open": "Look around in 3-D",
   "place.title": "Place the scan", "place.above": "From above", "place.room": "In 3-D", "place.snap": "Snap", "place.accept": "Accept", "place.acceptReviewed": "I looked: accept", "place.everywhere": "Look everywhere",
   "place.x": "x [m]", "place.y": "y [m]", "place.z": "Height [m]", "place.yaw": "Turn [°]", "place.hint": "Drag the scan to its place; turn it with two fingers, with Shift and the wheel, or by numbers.",
   "place.candidates": "Where could it be?", "place.verdict": "Verdict", "place.accepted": "Fits", "place.needs-review": "Needs a look", "place.rejected": "Does not fit",

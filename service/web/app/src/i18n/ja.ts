@@ -30,6 +30,7 @@ const ja: Words = {
   "keys.new": "新しいキー", "keys.make": "キーを作る", "keys.revoke": "失効させる", "keys.once": "今すぐキーを控えてください。再び表示されることはありません。", "keys.sure": "このキーを失効させますか。使っている人はすぐに使えなくなります。",
   "keys.copy": "コピー", "keys.copied": "コピーしました",
   "system.health": "稼働状況", "system.ok": "すべて正常です", "system.version": "バージョン", "system.queue": "最も古い待機ジョブ", "system.totals": "保管しているもの", "system.reference": "APIリファレンス",
+  "view.picked": "選んだ点", "view.hint": "点をクリックすると位置がわかります", "view.open": "3Dで見る",
   "place.title": "スキャンの位置合わせ", "place.above": "上から", "place.room": "3D", "place.snap": "自動で合わせる", "place.accept": "採用", "place.acceptReviewed": "確認したので採用", "place.everywhere": "全体から探す",
   "place.x": "x [m]", "place.y": "y [m]", "place.z": "高さ [m]", "place.yaw": "向き [°]", "place.hint": "スキャンを正しい場所へドラッグします。回すには2本指、またはShiftを押しながらホイールを使います。",
   "place.candidates": "どの場所ですか", "place.verdict": "判定", "place.accepted": "合っています", "place.needs-review": "確認が必要", "place.rejected": "合っていません",

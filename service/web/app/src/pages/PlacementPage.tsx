@@ -5,12 +5,14 @@ import { named, t, whenText } from "../i18n";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
 import { loadCloud, matrixOf, moved, poseOf, type Cloud, type Matrix } from "../view/cloud";
 import { MiniPlan } from "../view/MiniPlan";
-import { Stage } from "../view/Stage";
+import { Octree, type MapCloud } from "../view/octree";
+import { Picked } from "../view/Picked";
+import { Stage, type Place } from "../view/Stage";
 
 interface Loadable {
   scan: Scan;
   revision: number;
-  map: Cloud;
+  map: MapCloud;
   points: Cloud;
   placements: Placement[];
 }
@@ -31,7 +33,7 @@ async function load(mapId: string, scanId: string): Promise<Loadable | null> {
   const latest = revisions.items[0];
   if (!latest || !scan.files.points) return null;
   const [map, points] = await Promise.all([
-    loadCloud(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/point-cloud.pcd`),
+    Octree.open(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts`),
     loadCloud(scan.files.points),
   ]);
   return { scan, revision: latest.n, map, points, placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)) };
@@ -42,7 +44,7 @@ function firstPose({ placements, scan, map, points }: Loadable): Matrix {
   if (placed) return placed;
   const rough = scan.rough_pose as { x_m: number; y_m: number; z_m?: number; yaw_rad?: number } | null;
   if (rough) return matrixOf({ x: rough.x_m, y: rough.y_m, z: rough.z_m ?? 0, yaw: rough.yaw_rad ?? 0 });
-  return matrixOf({ x: map.centre[0] - points.centre[0], y: map.centre[1] - points.centre[1], z: 0, yaw: 0 });
+  return matrixOf({ x: map.overview.centre[0] - points.centre[0], y: map.overview.centre[1] - points.centre[1], z: 0, yaw: 0 });
 }
 
 interface NumberFieldProps {
@@ -80,13 +82,14 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const [made, setMade] = useState<number | null>(null);
+  const [picked, setPicked] = useState<Place | null>(null);
 
   useEffect(() => {
     const dragged = (next: Matrix) => {
       setT(next);
       setPlacement(null);
     };
-    stage.current = new Stage(canvas.current!, loaded.map, loaded.points, T, dragged);
+    stage.current = new Stage(canvas.current!, { map: loaded.map, scan: { cloud: loaded.points, T, moved: dragged }, picked: setPicked });
     return () => stage.current?.leave();
   }, [loaded]);
   useEffect(() => stage.current?.look(mode), [mode]);
@@ -146,7 +149,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
           <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>{t("place.above")}</button>
           <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>{t("place.room")}</button>
         </div>
-        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{t("place.scan")}</span></div>
+        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{t("place.scan")}</span><Picked place={picked} /></div>
       </div>
       <aside class="card">
         <p class="quiet">{t("place.hint")}</p>
@@ -181,7 +184,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
             <div class="candidates">
               {candidates.map((one, k) => (
                 <button key={k} type="button" onClick={() => show(one.T_map_scan, k === 0 ? placement : null)}>
-                  <MiniPlan map={loaded.map} scan={loaded.points} T={one.T_map_scan} label={`${k + 1}`} />
+                  <MiniPlan map={loaded.map.overview} scan={loaded.points} T={one.T_map_scan} label={`${k + 1}`} />
                   <span>{k + 1}</span>
                 </button>
               ))}

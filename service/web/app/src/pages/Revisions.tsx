@@ -90,6 +90,7 @@ export function Revisions({ mapId, revisions, published, canary, publications, m
               <div class="opened">
                 <img alt={`${t("revisions.preview")} ${one.n}`} src={`/v1/maps/${mapId}/revisions/${one.n}/artifacts/preview.png`} />
                 <p>{one.layers.length > 0 ? `${t("revisions.layers")}: ${one.layers.map((layer) => layer.name).join(", ")}` : t("revisions.noLayers")}</p>
+                <a class="button" href={`#/maps/${mapId}/revisions/${one.n}`}>{t("view.open")}</a>
                 {comparedWith(one.n) !== undefined && <a class="button" href={`#/maps/${mapId}/compare/${comparedWith(one.n)}/${one.n}`}>{t("compare.with")} {comparedWith(one.n)}</a>}
               </div>
             )}

@@ -6,6 +6,7 @@ import { bytesText, named, t } from "../i18n";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
 import { HowTo } from "../ui/HowTo";
 import { loadCloud, type Cloud } from "../view/cloud";
+import { Octree } from "../view/octree";
 import { MiniPlan } from "../view/MiniPlan";
 import { TapPlan, wallsOf, type Walls } from "../view/TapPlan";
 
@@ -63,9 +64,9 @@ function Sending({ parcel, again }: { parcel: Parcel; again: () => void }) {
     const found = await placed(scan, setJob);
     setJob(null);
     setPlacement(found);
-    const map = `/v1/maps/${scan.map_id}/revisions/${found.revision}/artifacts/point-cloud.pcd`;
-    const [mapPoints, points] = await Promise.all([loadCloud(map), loadCloud(scan.files.points!)]);
-    setSight({ map: mapPoints, scan: points });
+    const artifacts = `/v1/maps/${scan.map_id}/revisions/${found.revision}/artifacts`;
+    const [{ overview }, points] = await Promise.all([Octree.open(artifacts), loadCloud(scan.files.points!)]);
+    setSight({ map: overview, scan: points });
   };
   useEffect(() => {
     const { signal } = stop.current;

@@ -1,73 +1,75 @@
 /** Map and scan as points: from above, where the scan is dragged, or in 3-D, where one looks around. */
 import {
-  BufferAttribute, BufferGeometry, Color, Matrix4, OrthographicCamera, PerspectiveCamera, Points, PointsMaterial, Scene, Vector3, WebGLRenderer,
+  BufferAttribute, BufferGeometry, Color, Matrix4, OrthographicCamera, PerspectiveCamera, Points, PointsMaterial, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { moved, type Cloud, type Matrix } from "./cloud";
+import { matrixOf, moved, type Cloud, type Matrix } from "./cloud";
+import { MapPoints } from "./MapPoints";
+import type { MapCloud } from "./octree";
 import { followPointers } from "./pointers";
 
 const SCAN_COLOUR = "#ff6a13";
-const CUT_ABOVE_M = 0.3;
+const MOST_POINTS = 200_000;
+const PICK_PX = 5;
+const STILL_PX = 4;
 
-function geometryOf(cloud: Cloud): BufferGeometry {
-  return new BufferGeometry().setAttribute("position", new BufferAttribute(cloud.xyz, 3));
+/** A scan that is to be placed: where it lies, and who is told when it was dragged. */
+export interface ScanOnStage {
+  cloud: Cloud;
+  T: Matrix;
+  moved: (T: Matrix) => void;
 }
 
-/** Blue below to pale above, so that walls read as walls. */
-function colourByHeight(geometry: BufferGeometry, cloud: Cloud, dark: boolean): void {
-  const [floor, top] = dark ? [new Color("#3b6ea5"), new Color("#c9def5")] : [new Color("#a9c3df"), new Color("#0b3763")];
-  const colours = new Float32Array(cloud.xyz.length);
-  const span = Math.max(0.1, cloud.high[2] - cloud.low[2]);
-  const mixed = new Color();
-  for (let k = 0; k < cloud.xyz.length; k += 3) {
-    mixed.lerpColors(floor, top, Math.min(1, (cloud.xyz[k + 2]! - cloud.low[2]) / span + (cloud.xyz[k + 2]! > cloud.low[2] + CUT_ABOVE_M ? 0.25 : 0))).toArray(colours, k);
-  }
-  geometry.setAttribute("color", new BufferAttribute(colours, 3));
+export interface Place {
+  x: number;
+  y: number;
+  z: number;
 }
 
 export class Stage {
+  private readonly scan: ScanOnStage | null;
   private readonly renderer: WebGLRenderer;
   private readonly scene = new Scene();
   private readonly plan = new OrthographicCamera();
   private readonly room = new PerspectiveCamera(55, 1, 0.1, 2000);
   private readonly orbit: OrbitControls;
-  private readonly scanPoints: Points<BufferGeometry, PointsMaterial>;
-  private readonly mapPoints: Points<BufferGeometry, PointsMaterial>;
+  private readonly scanPoints: Points<BufferGeometry, PointsMaterial> | null = null;
+  private readonly mapPoints: MapPoints;
   private readonly away: (() => void)[] = [];
-  private T: Matrix;
+  private T: Matrix = matrixOf({ x: 0, y: 0, z: 0, yaw: 0 });
   private mode: "above" | "room" = "above";
   private halfHeight = 10;
   private asked = 0;
 
   constructor(
     private readonly canvas: HTMLCanvasElement,
-    map: Cloud,
-    private readonly scan: Cloud,
-    T: Matrix,
-    private readonly changed: (T: Matrix) => void,
+    { map, scan, picked }: { map: MapCloud; scan?: ScanOnStage; picked: (place: Place | null) => void },
   ) {
-    this.T = T;
+    this.scan = scan ?? null;
     const theme = document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     const dark = theme === "dark";
     this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true, powerPreference: "high-performance" });
     this.scene.background = new Color(dark ? "#0d1117" : "#ffffff");
-    const mapGeometry = geometryOf(map);
-    colourByHeight(mapGeometry, map, dark);
-    this.mapPoints = new Points(mapGeometry, new PointsMaterial({ size: 2, sizeAttenuation: false, vertexColors: true }));
-    this.scanPoints = new Points(geometryOf(scan), new PointsMaterial({ size: 2.5, sizeAttenuation: false, color: SCAN_COLOUR, depthTest: false }));
-    this.scanPoints.renderOrder = 1;
-    this.scanPoints.matrixAutoUpdate = false;
-    this.scene.add(this.mapPoints, this.scanPoints);
-    this.plan.position.set(map.centre[0], map.centre[1], 500);
+    this.mapPoints = new MapPoints(map, dark, MOST_POINTS - (scan ? scan.cloud.xyz.length / 3 : 0), () => this.draw());
+    this.scene.add(this.mapPoints.group);
+    if (scan) {
+      const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(scan.cloud.xyz, 3));
+      this.scanPoints = new Points(geometry, new PointsMaterial({ size: 2.5, sizeAttenuation: false, color: SCAN_COLOUR, depthTest: false }));
+      this.scanPoints.renderOrder = 1;
+      this.scanPoints.matrixAutoUpdate = false;
+      this.scene.add(this.scanPoints);
+    }
+    const { low, high, centre } = map.overview;
+    this.plan.position.set(centre[0], centre[1], 500);
     this.plan.near = 1;
     this.plan.far = 1000;
     this.room.up.set(0, 0, 1);
     this.orbit = new OrbitControls(this.room, canvas);
     this.orbit.enabled = false;
-    this.orbit.addEventListener("change", this.draw);
-    const size = Math.max(map.high[0] - map.low[0], map.high[1] - map.low[1], 4);
-    this.room.position.set(map.centre[0] - size * 0.4, map.centre[1] - size * 0.8, size * 0.8);
-    this.orbit.target.set(map.centre[0], map.centre[1], 0);
+    this.orbit.addEventListener("change", this.viewed);
+    const size = Math.max(high[0] - low[0], high[1] - low[1], 4);
+    this.room.position.set(centre[0] - size * 0.4, centre[1] - size * 0.8, size * 0.8);
+    this.orbit.target.set(centre[0], centre[1], 0);
     this.away.push(followPointers(canvas, {
       grabs: (x, y) => this.holds(x, y),
       move: (grabbed, dx, dy, zoom, turn) => this.move(grabbed, dx, dy, zoom, turn),
@@ -76,14 +78,15 @@ export class Stage {
     const watch = new ResizeObserver(() => this.resize());
     watch.observe(canvas);
     this.away.push(() => watch.disconnect());
-    this.fit(map);
-    this.place(T);
+    this.pickOnClick(picked);
+    this.fit(map.overview);
+    if (scan) this.place(scan.T);
     this.resize();
   }
 
   place(T: Matrix): void {
     this.T = T;
-    this.scanPoints.matrix.set(...(T.flat() as Parameters<Matrix4["set"]>));
+    this.scanPoints?.matrix.set(...(T.flat() as Parameters<Matrix4["set"]>));
     this.draw();
   }
 
@@ -91,15 +94,16 @@ export class Stage {
     this.mode = mode;
     this.orbit.enabled = mode === "room";
     if (mode === "room") this.orbit.update();
-    this.draw();
+    this.viewed();
   }
 
   readonly draw = (): void => {
     cancelAnimationFrame(this.asked);
     this.asked = requestAnimationFrame(() => {
-      this.renderer.render(this.scene, this.mode === "above" ? this.plan : this.room);
+      this.renderer.render(this.scene, this.camera);
       this.canvas.dataset.drawn = this.mode;
-      this.canvas.dataset.points = String(this.mapPoints.geometry.getAttribute("position").count);
+      this.canvas.dataset.points = String(this.mapPoints.held);
+      this.canvas.dataset.settled = String(this.mapPoints.settled);
     });
   };
 
@@ -107,11 +111,48 @@ export class Stage {
     cancelAnimationFrame(this.asked);
     for (const end of this.away) end();
     this.orbit.dispose();
-    for (const points of [this.mapPoints, this.scanPoints]) {
-      points.geometry.dispose();
-      points.material.dispose();
-    }
+    this.mapPoints.leave();
+    this.scanPoints?.geometry.dispose();
+    this.scanPoints?.material.dispose();
     this.renderer.dispose();
+  }
+
+  private get camera(): OrthographicCamera | PerspectiveCamera {
+    return this.mode === "above" ? this.plan : this.room;
+  }
+
+  /** The camera has another view: draw it, and see to the points that it asks for. */
+  private readonly viewed = (): void => {
+    this.mapPoints.look(this.camera, this.canvas.clientHeight);
+    this.draw();
+  };
+
+  private pickOnClick(picked: (place: Place | null) => void): void {
+    let pressed: PointerEvent | null = null;
+    const down = (event: PointerEvent) => {
+      pressed = event.isPrimary ? event : null;
+    };
+    const up = (event: PointerEvent) => {
+      if (!pressed || Math.hypot(event.clientX - pressed.clientX, event.clientY - pressed.clientY) > STILL_PX) return;
+      void this.pick(event.clientX, event.clientY).then(picked, () => picked(null));
+    };
+    this.canvas.addEventListener("pointerdown", down);
+    this.canvas.addEventListener("pointerup", up);
+    this.away.push(() => {
+      this.canvas.removeEventListener("pointerdown", down);
+      this.canvas.removeEventListener("pointerup", up);
+    });
+  }
+
+  /** The map's point at a place of the window. */
+  private async pick(x: number, y: number): Promise<Place | null> {
+    const box = this.canvas.getBoundingClientRect();
+    const caster = new Raycaster();
+    caster.setFromCamera(new Vector2(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2), this.camera);
+    const pixel = 2 * Math.tan((this.room.fov * Math.PI) / 360) / Math.max(1, this.canvas.clientHeight);
+    const reach = this.mode === "above" ? () => PICK_PX * this.metresPerPixel() : (distance: number) => PICK_PX * pixel * distance;
+    const found = await this.mapPoints.pick(caster.ray, reach);
+    return found && { x: found.x, y: found.y, z: found.z };
   }
 
   private fit(map: Cloud): void {
@@ -136,7 +177,8 @@ export class Stage {
     this.plan.right = this.halfHeight * aspect;
     this.plan.left = -this.plan.right;
     this.plan.updateProjectionMatrix();
-    this.draw();
+    this.plan.updateMatrixWorld();
+    this.viewed();
   }
 
   private metresPerPixel(): number {
@@ -145,19 +187,21 @@ export class Stage {
 
   /** Whether a place of the canvas lies on the scan's own rectangle. */
   private holds(x: number, y: number): boolean {
+    if (!this.scanPoints) return false;
+    const { low, high } = this.scan!.cloud;
     const box = this.canvas.getBoundingClientRect();
     const at = new Vector3(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2, 0).unproject(this.plan);
     const here = at.setZ(this.T[2]![3]!).applyMatrix4(this.scanPoints.matrix.clone().invert());
     const margin = 12 * this.metresPerPixel();
-    return [here.x, here.y].every((value, k) => value > this.scan.low[k]! - margin && value < this.scan.high[k]! + margin);
+    return [here.x, here.y].every((value, k) => value > low[k]! - margin && value < high[k]! + margin);
   }
 
   private move(grabbed: boolean, dx: number, dy: number, zoom: number, turn: number): void {
     const metres = this.metresPerPixel();
-    if (grabbed) {
+    if (grabbed && this.scan) {
       const by = { x: dx * metres, y: -dy * metres, yaw: -turn };
-      this.place(moved(this.T, by, this.scan.centre));
-      this.changed(this.T);
+      this.place(moved(this.T, by, this.scan!.cloud.centre));
+      this.scan!.moved(this.T);
       return;
     }
     this.plan.position.x -= dx * metres;
