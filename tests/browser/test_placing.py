@@ -22,6 +22,7 @@ from demo.sheet import drawing_png, known_length
 from demo.survey import ply_bytes, scan_of_new_machine
 from service.domain.transform import Transform
 from tests.browser.conftest import Visit
+from worker.geometry.cloud.point_cloud import Label
 
 SEED = 7
 OFF_M = 2.0
@@ -37,6 +38,25 @@ class Plant:
     map_id: str
     scan_file: bytes
     truth: Transform
+    machine: NDArray[np.float64]
+
+    def cloud(self, map_id: str, n: int, *, label: Label | None = None) -> NDArray[np.float64]:
+        """Return the points (N, 3) of a revision [m], or those with a label."""
+        where = f"/v1/maps/{map_id}/revisions/{n}/artifacts/point-cloud.pcd"
+        content = self.admin.request("GET", where, expected=(200,)).content
+        records = np.frombuffer(content[content.index(b"DATA binary\n") + 12 :], dtype="<u4").reshape(-1, 4)
+        kept = records if label is None else records[records[:, 3] == label]
+        return np.ascontiguousarray(kept[:, :3]).view("<f4").astype(np.float64)
+
+
+def a_map_of_the_hall(admin: Client, name: str) -> str:
+    """Return the id of a new map with one revision, built and published."""
+    hall = synthetic_hall(SEED)
+    map_id = steps.make_map(admin, site="Nagoya", name=name)
+    drawing = steps.read_drawing(admin, map_id, drawing_png(hall), clicked=known_length(hall))
+    n = steps.build_revision(admin, map_id, drawing_id=drawing["id"], recipe=RECIPE)
+    steps.publish(admin, map_id, n)
+    return map_id
 
 
 @pytest.fixture(scope="module")
@@ -45,12 +65,10 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
     hall = synthetic_hall(SEED)
     with groundplan_up(tmp_path_factory.mktemp("plant")) as running:
         admin = Client(running.address, running.admin_key)
-        map_id = steps.make_map(admin, site="Nagoya", name="Hall 3")
-        drawing = steps.read_drawing(admin, map_id, drawing_png(hall), clicked=known_length(hall))
-        n = steps.build_revision(admin, map_id, drawing_id=drawing["id"], recipe=RECIPE)
-        steps.publish(admin, map_id, n)
+        map_id = a_map_of_the_hall(admin, "Hall 3")
         scan = scan_of_new_machine(hall, seed=SEED)
-        yield Plant(running, admin, map_id, ply_bytes(scan.cloud.points), scan.T_map_scan)
+        machine = np.array([hall.new_machine.x, hall.new_machine.y])
+        yield Plant(running, admin, map_id, ply_bytes(scan.cloud.points), scan.T_map_scan, machine)
 
 
 def orange(canvas: Locator) -> NDArray[np.float64]:
@@ -58,6 +76,12 @@ def orange(canvas: Locator) -> NDArray[np.float64]:
     pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
     found = (pixels[..., 0] > 200) & (np.abs(pixels[..., 1] - 106) < 60) & (pixels[..., 2] < 90)
     return np.argwhere(found)[:, ::-1].astype(np.float64)
+
+
+def green(canvas: Locator) -> int:
+    """Return how many pixels of the canvas show points that lie on walls."""
+    pixels = np.asarray(Image.open(io.BytesIO(canvas.screenshot())).convert("RGB")).astype(int)
+    return int((np.abs(pixels - (26, 152, 80)).max(axis=2) < 25).sum())
 
 
 def _value(page: Page, label: str) -> float:
@@ -124,6 +148,8 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     assert math.hypot(_value(page, "x [m]") - x, _value(page, "y [m]") - y) < 0.1
     assert abs(math.remainder(yaw - plant.truth.rpy[2], math.tau)) < math.radians(1.0)
     watched.accessible()
+    expect(page.get_by_text("In 95 of 100 cases within")).to_be_visible()
+    assert green(canvas) > 200
     page.screenshot(path=pictures / "placement.png")
     page.get_by_role("button", name="In 3-D").click()
     expect(page.locator("canvas.cloud[data-drawn=room]")).to_be_visible()
@@ -158,3 +184,54 @@ def publish(page: Page, revisions: Locator, which: str, word: str) -> None:
         reason.fill("looked at on the spot")
     dialog.get_by_role("button", name=word).click()
     expect(row.get_by_text("Published")).to_be_visible()
+
+
+def test_a_scan_is_placed_by_keyboard_and_what_was_circled_is_left_out(plant: Plant, visit: Visit) -> None:
+    map_id = a_map_of_the_hall(plant.admin, "Hall 4")
+    scan = steps.read_scan(plant.admin, map_id, plant.scan_file)
+    watched = visit(plant.running.address)
+    page = watched.page
+    watched.sign_in(plant.running.admin_key)
+    page.goto(f"{plant.running.address}/#/maps/{map_id}/scans/{scan['id']}")
+    canvas = page.locator("canvas.cloud[data-settled=true]")
+    expect(canvas).to_be_visible()
+    put_roughly(page, plant.truth)
+    before = _value(page, "x [m]"), _value(page, "y [m]"), _value(page, "Turn [°]")
+    canvas.focus()
+    for key in ("Shift+ArrowRight", "ArrowRight", "ArrowDown", "q"):
+        page.keyboard.press(key)
+    after = _value(page, "x [m]"), _value(page, "y [m]"), _value(page, "Turn [°]")
+    np.testing.assert_allclose(np.subtract(after, before)[2], 1.0, atol=0.01)
+    page.keyboard.press("Enter")
+    accept = page.get_by_role("button", name="ccept")
+    expect(accept).to_be_visible(timeout=60_000)
+
+    cloud = plant.cloud(map_id, 1)
+    page.get_by_role("button", name="Circle what to leave out").click()
+    (low, high), box = (cloud.min(axis=0), cloud.max(axis=0)), canvas.bounding_box()
+    assert box is not None
+    span = high - low
+    metres = 1.1 * max(span[1], span[0] * box["height"] / box["width"]) / box["height"]
+    corners = plant.machine + np.array([[-4, -4], [0, -4], [0, 4], [-4, 4]])
+    pixels = (corners - 0.5 * (low + high)[:2]) * (1.0, -1.0) / metres
+    pixels += (box["x"] + box["width"] / 2, box["y"] + box["height"] / 2)
+    page.mouse.move(*pixels[0])
+    page.mouse.down()
+    for corner in pixels[1:]:
+        page.mouse.move(*corner, steps=12)
+    page.mouse.up()
+    expect(page.get_by_role("button", name="Circle what to leave out (1)")).to_be_visible()
+    accept.click()
+    expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
+
+    (made,) = plant.admin.get(f"/v1/revisions?map={map_id}&status=ready&limit=1")["items"]
+    (part,) = (layer["part"] for layer in made["layers"] if layer["scan_id"] == scan["id"])
+    drawn = np.array(part["exclude"][0]["within"])
+    np.testing.assert_allclose(drawn.min(axis=0), corners.min(axis=0), atol=3 * metres)
+    np.testing.assert_allclose(drawn.max(axis=0), corners.max(axis=0), atol=3 * metres)
+    taken = plant.cloud(map_id, made["n"], label=Label.LAYER)
+    inside = ((taken[:, :2] > drawn.min(axis=0) + 0.1) & (taken[:, :2] < drawn.max(axis=0) - 0.1)).all(axis=1)
+    beside = (np.abs(taken[:, :2] - plant.machine) < 4.0).all(axis=1)
+    assert not inside.any()
+    assert (beside & ~inside).sum() > 20
+    watched.clean()

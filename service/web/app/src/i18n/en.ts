@@ -29,6 +29,8 @@ const en = {
   "keys.copy": "Copy", "keys.copied": "Copied",
   "system.health": "Health", "system.ok": "Everything works", "system.version": "Version", "system.queue": "Oldest waiting job", "system.totals": "Kept here", "system.reference": "API reference",
   "view.picked": "Point picked", "view.hint": "Click on a point for its place", "view.open": "Look around in 3-D",
+  "place.within2": "up to 2 cm from a wall", "place.within5": "to 5 cm", "place.within10": "to 10 cm", "place.offWalls": "no wall", "place.sure": "In 95 of 100 cases within", "place.ellipse": "the ellipse is drawn",
+  "place.part": "What of the scan is taken", "place.include": "Circle what to take as well", "place.exclude": "Circle what to leave out", "place.noRegions": "Forget the circles", "place.keys": "With the keyboard: arrows move, Q and E turn, Shift goes ten times as far, Enter snaps.",
   "place.title": "Place the scan", "place.above": "From above", "place.room": "In 3-D", "place.snap": "Snap", "place.accept": "Accept", "place.acceptReviewed": "I looked: accept", "place.everywhere": "Look everywhere",
   "place.x": "x [m]", "place.y": "y [m]", "place.z": "Height [m]", "place.yaw": "Turn [°]", "place.hint": "Drag the scan to its place; turn it with two fingers, with Shift and the wheel, or by numbers.",
   "place.candidates": "Where could it be?", "place.verdict": "Verdict", "place.accepted": "Fits", "place.needs-review": "Needs a look", "place.rejected": "Does not fit",

@@ -31,6 +31,8 @@ const ja: Words = {
   "keys.copy": "コピー", "keys.copied": "コピーしました",
   "system.health": "稼働状況", "system.ok": "すべて正常です", "system.version": "バージョン", "system.queue": "最も古い待機ジョブ", "system.totals": "保管しているもの", "system.reference": "APIリファレンス",
   "view.picked": "選んだ点", "view.hint": "点をクリックすると位置がわかります", "view.open": "3Dで見る",
+  "place.within2": "壁から2 cm以内", "place.within5": "5 cmまで", "place.within10": "10 cmまで", "place.offWalls": "壁ではない", "place.sure": "95%の確率で誤差は", "place.ellipse": "楕円の表示倍率",
+  "place.part": "スキャンのうち取り込む部分", "place.include": "追加で取り込む範囲を囲む", "place.exclude": "取り込まない範囲を囲む", "place.noRegions": "囲みを消す", "place.keys": "キーボード: 矢印で移動、QとEで回転、Shiftで10倍、Enterでスナップ。",
   "place.title": "スキャンの位置合わせ", "place.above": "上から", "place.room": "3D", "place.snap": "自動で合わせる", "place.accept": "採用", "place.acceptReviewed": "確認したので採用", "place.everywhere": "全体から探す",
   "place.x": "x [m]", "place.y": "y [m]", "place.z": "高さ [m]", "place.yaw": "向き [°]", "place.hint": "スキャンを正しい場所へドラッグします。回すには2本指、またはShiftを押しながらホイールを使います。",
   "place.candidates": "どの場所ですか", "place.verdict": "判定", "place.accepted": "合っています", "place.needs-review": "確認が必要", "place.rejected": "合っていません",

@@ -6,7 +6,9 @@ import { Chip, Failure, Loading, Progress } from "../ui/parts";
 import { loadCloud, matrixOf, moved, poseOf, type Cloud, type Matrix } from "../view/cloud";
 import { MiniPlan } from "../view/MiniPlan";
 import { Octree, type MapCloud } from "../view/octree";
+import { cornersOf, ELLIPSE_TIMES, ellipseOf, type At } from "../view/outlines";
 import { Picked } from "../view/Picked";
+import { Faces, residualColours, RESIDUALS } from "../view/residuals";
 import { Stage, type Place } from "../view/Stage";
 
 interface Loadable {
@@ -14,7 +16,15 @@ interface Loadable {
   revision: number;
   map: MapCloud;
   points: Cloud;
+  faces: Faces;
   placements: Placement[];
+}
+
+type Region = { within: At[] };
+
+interface Part {
+  include: Region[];
+  exclude: Region[];
 }
 
 interface Candidate {
@@ -23,6 +33,9 @@ interface Candidate {
 
 const VERDICT_TONES: Record<string, string> = { accepted: "good", "needs-review": "busy", rejected: "bad" };
 const STEP_RAD = Math.PI / 36;
+const STEP_M = 0.05;
+const MOST_OF_SCAN = 60_000;
+const REGION_COLOURS = { include: "#0b63c4", exclude: "#c62828" };
 
 async function load(mapId: string, scanId: string): Promise<Loadable | null> {
   const [scan, revisions, placements] = await Promise.all([
@@ -32,11 +45,12 @@ async function load(mapId: string, scanId: string): Promise<Loadable | null> {
   ]);
   const latest = revisions.items[0];
   if (!latest || !scan.files.points) return null;
-  const [map, points] = await Promise.all([
+  const [map, points, walls] = await Promise.all([
     Octree.open(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts`),
-    loadCloud(scan.files.points),
+    loadCloud(scan.files.points, MOST_OF_SCAN),
+    get<ConstructorParameters<typeof Faces>[0]>(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/walls.geojson`),
   ]);
-  return { scan, revision: latest.n, map, points, placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)) };
+  return { scan, revision: latest.n, map, points, faces: new Faces(walls), placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)) };
 }
 
 function firstPose({ placements, scan, map, points }: Loadable): Matrix {
@@ -61,14 +75,18 @@ const NumberField = ({ label, value, step, set }: NumberFieldProps) => (
   </label>
 );
 
+const centimetres = (metres: number) => (100 * metres).toPrecision(2);
+
 function Evidence({ placement }: { placement: Placement }) {
   const evidence = placement.evidence ?? {};
+  const ellipse = ellipseOf(evidence.covariance);
   const shown = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradiction_share"].filter((name) => typeof evidence[name] === "number");
   return (
     <>
       <Chip tone={VERDICT_TONES[placement.verdict!]!}>{named("place", placement.verdict!)}</Chip>
       <ul class="reasons">{placement.reasons?.map((reason) => <li key={reason}>{reason}</li>)}</ul>
       <dl>{shown.map((name) => [<dt key={name}>{name.replaceAll("_", " ")}</dt>, <dd key={`${name}-v`}>{(evidence[name] as number).toPrecision(3)}</dd>])}</dl>
+      {ellipse && <p class="quiet">{t("place.sure")} ±{centimetres(ellipse.half[0])} × ±{centimetres(ellipse.half[1])} cm ({t("place.ellipse")} ×{ELLIPSE_TIMES})</p>}
     </>
   );
 }
@@ -82,6 +100,8 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const [made, setMade] = useState<number | null>(null);
+  const [part, setPart] = useState<Part>({ include: [], exclude: [] });
+  const [brush, setBrush] = useState<keyof Part | null>(null);
   const [picked, setPicked] = useState<Place | null>(null);
 
   useEffect(() => {
@@ -93,6 +113,20 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     return () => stage.current?.leave();
   }, [loaded]);
   useEffect(() => stage.current?.look(mode), [mode]);
+  useEffect(() => {
+    const at = placement?.T_map_scan;
+    stage.current?.colour(at ? residualColours(loaded.faces, loaded.points, at, loaded.map.overview.low[2]) : null);
+  }, [placement, loaded]);
+  useEffect(() => {
+    const ellipse = placement?.T_map_scan ? ellipseOf(placement.evidence?.covariance) : null;
+    const sure = ellipse ? [{ corners: cornersOf(ellipse, [T[0]![3]!, T[1]![3]!]), colour: "#d6006c" }] : [];
+    const drawn = (["include", "exclude"] as const).flatMap((name) => part[name].map(({ within }) => ({ corners: within, colour: REGION_COLOURS[name] })));
+    stage.current?.outline([...sure, ...drawn]);
+  }, [placement, part, loaded]);
+  useEffect(() => {
+    stage.current?.drawRegions(brush && ((within) => setPart((now) => ({ ...now, [brush]: [...now[brush], { within }] }))));
+    if (brush) setMode("above");
+  }, [brush, loaded]);
 
   const show = (next: Matrix, of: Placement | null) => {
     setT(next);
@@ -106,6 +140,20 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     const there = moved(T, { x: next.x - pose.x, y: next.y - pose.y, yaw: next.yaw - pose.yaw }, [0, 0, 0]);
     there[2]![3] = next.z;
     show(there, null);
+  };
+
+  const pressed = (event: KeyboardEvent) => {
+    const far = event.shiftKey ? 10 : 1;
+    const step = STEP_M * far;
+    const moves: Record<string, () => void> = {
+      ArrowLeft: () => set({ x: pose.x - step }), ArrowRight: () => set({ x: pose.x + step }),
+      ArrowUp: () => set({ y: pose.y + step }), ArrowDown: () => set({ y: pose.y - step }),
+      q: () => turn((far * Math.PI) / 180), e: () => turn((-far * Math.PI) / 180), Enter: () => void (job === null && snap(true)),
+    };
+    const wanted = moves[event.key] ?? moves[event.key.toLowerCase()];
+    if (!wanted || event.ctrlKey || event.metaKey || event.altKey) return;
+    event.preventDefault();
+    wanted();
   };
 
   const snap = async (rough: boolean) => {
@@ -128,7 +176,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const accept = async () => {
     try {
       const reviewed = placement!.verdict !== "accepted";
-      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed });
+      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed, part: { points: "target", ...part } });
       setJob(asked.job);
       const ended = await follow(asked.job, setJob);
       setJob(null);
@@ -144,15 +192,16 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   return (
     <div class="workplace">
       <div class="stage">
-        <canvas ref={canvas} class="cloud" role="img" aria-label={`${t("place.map")}, ${t("place.scan")}: ${mode === "above" ? t("place.above") : t("place.room")}`} />
+        <canvas ref={canvas} class="cloud" role="img" tabIndex={0} aria-keyshortcuts="ArrowLeft ArrowRight ArrowUp ArrowDown Q E Enter" onKeyDown={pressed} aria-label={`${t("place.map")}, ${t("place.scan")}: ${mode === "above" ? t("place.above") : t("place.room")}`} />
         <div class="choices over" role="group" aria-label={t("place.view")}>
           <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>{t("place.above")}</button>
           <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>{t("place.room")}</button>
         </div>
-        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{t("place.scan")}</span><Picked place={picked} /></div>
+        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{placement?.T_map_scan ? t("place.offWalls") : t("place.scan")}</span>
+          {placement?.T_map_scan && RESIDUALS.map(({ label }) => <span key={label} class={label.replace(".", "-")}>{t(label)}</span>)}<Picked place={picked} /></div>
       </div>
       <aside class="card">
-        <p class="quiet">{t("place.hint")}</p>
+        <p class="quiet">{t("place.hint")} {t("place.keys")}</p>
         <div class="numbers">
           <NumberField label={t("place.x")} step={0.1} value={pose.x} set={(x) => set({ x })} />
           <NumberField label={t("place.y")} step={0.1} value={pose.y} set={(y) => set({ y })} />
@@ -172,6 +221,14 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
           <Failure error={error} />
           {placement?.verdict && <Evidence placement={placement} />}
         </div>
+        {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
+          <div class="chips" role="group" aria-label={t("place.part")}>
+            {(["include", "exclude"] as const).map((name) => (
+              <button key={name} type="button" aria-pressed={brush === name} onClick={() => setBrush(brush === name ? null : name)}>{t(`place.${name}`)} ({part[name].length})</button>
+            ))}
+            <button type="button" disabled={part.include.length + part.exclude.length === 0} onClick={() => setPart({ include: [], exclude: [] })}>{t("place.noRegions")}</button>
+          </div>
+        )}
         {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
           <button class="primary big" type="button" disabled={job !== null} onClick={() => void accept()}>
             {placement.verdict === "accepted" ? t("place.accept") : t("place.acceptReviewed")}

@@ -6,9 +6,13 @@ import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { matrixOf, moved, type Cloud, type Matrix } from "./cloud";
 import { MapPoints } from "./MapPoints";
 import type { MapCloud } from "./octree";
+import { Outlines, type At, type Outline } from "./outlines";
 import { followPointers } from "./pointers";
+import { OFF_COLOUR } from "./residuals";
 
-const SCAN_COLOUR = "#ff6a13";
+const LASSO_COLOUR = "#d6006c";
+const LASSO_STEP_PX = 5;
+const MOST_CORNERS = 400;
 const MOST_POINTS = 200_000;
 const PICK_PX = 5;
 const STILL_PX = 4;
@@ -35,6 +39,10 @@ export class Stage {
   private readonly orbit: OrbitControls;
   private readonly scanPoints: Points<BufferGeometry, PointsMaterial> | null = null;
   private readonly mapPoints: MapPoints;
+  private readonly outlines = new Outlines();
+  private outlined: readonly Outline[] = [];
+  private lasso: ((corners: At[]) => void) | null = null;
+  private drawn: At[] | null = null;
   private readonly away: (() => void)[] = [];
   private T: Matrix = matrixOf({ x: 0, y: 0, z: 0, yaw: 0 });
   private mode: "above" | "room" = "above";
@@ -54,11 +62,14 @@ export class Stage {
     this.scene.add(this.mapPoints.group);
     if (scan) {
       const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(scan.cloud.xyz, 3));
-      this.scanPoints = new Points(geometry, new PointsMaterial({ size: 2.5, sizeAttenuation: false, color: SCAN_COLOUR, depthTest: false }));
+      geometry.setAttribute("color", new BufferAttribute(new Uint8Array(scan.cloud.xyz.length), 3, true));
+      this.scanPoints = new Points(geometry, new PointsMaterial({ size: 2.5, sizeAttenuation: false, vertexColors: true, depthTest: false }));
       this.scanPoints.renderOrder = 1;
       this.scanPoints.matrixAutoUpdate = false;
       this.scene.add(this.scanPoints);
+      this.colour(null);
     }
+    this.scene.add(this.outlines.group);
     const { low, high, centre } = map.overview;
     this.plan.position.set(centre[0], centre[1], 500);
     this.plan.near = 1;
@@ -71,9 +82,10 @@ export class Stage {
     this.room.position.set(centre[0] - size * 0.4, centre[1] - size * 0.8, size * 0.8);
     this.orbit.target.set(centre[0], centre[1], 0);
     this.away.push(followPointers(canvas, {
-      grabs: (x, y) => this.holds(x, y),
-      move: (grabbed, dx, dy, zoom, turn) => this.move(grabbed, dx, dy, zoom, turn),
+      grabs: (x, y) => this.grabs(x, y),
+      move: (grabbed, dx, dy, zoom, turn, x, y) => (this.drawn ? this.drawOn(x, y) : this.move(grabbed, dx, dy, zoom, turn)),
       wanted: () => this.mode === "above",
+      ended: () => this.endLasso(),
     }));
     const watch = new ResizeObserver(() => this.resize());
     watch.observe(canvas);
@@ -88,6 +100,31 @@ export class Stage {
     this.T = T;
     this.scanPoints?.matrix.set(...(T.flat() as Parameters<Matrix4["set"]>));
     this.draw();
+  }
+
+  /** Red, green and blue of each point of the scan; null for all the same. */
+  colour(colours: Uint8Array | null): void {
+    const held = this.scanPoints?.geometry.getAttribute("color") as BufferAttribute | undefined;
+    if (!held) return;
+    const { r, g, b } = new Color(OFF_COLOUR);
+    if (colours) {
+      const linear = Array.from({ length: 256 }, (_, value) => Math.round(255 * new Color().setRGB(value / 255, 0, 0, "srgb").r));
+      for (let k = 0; k < colours.length; k++) held.array[k] = linear[colours[k]!]!;
+    } else for (let k = 0; k < held.count; k++) held.setXYZ(k, r, g, b);
+    held.needsUpdate = true;
+    this.draw();
+  }
+
+  /** Show lines over the map, seen from above. */
+  outline(outlines: readonly Outline[]): void {
+    this.outlined = outlines;
+    this.outlines.show(outlines);
+    this.draw();
+  }
+
+  /** From now on dragging draws a region, which `taken` is told [m]; null: it moves things again. */
+  drawRegions(taken: ((corners: At[]) => void) | null): void {
+    this.lasso = taken;
   }
 
   look(mode: "above" | "room"): void {
@@ -112,6 +149,7 @@ export class Stage {
     for (const end of this.away) end();
     this.orbit.dispose();
     this.mapPoints.leave();
+    this.outlines.leave();
     this.scanPoints?.geometry.dispose();
     this.scanPoints?.material.dispose();
     this.renderer.dispose();
@@ -185,13 +223,42 @@ export class Stage {
     return (2 * this.halfHeight) / Math.max(1, this.canvas.clientHeight);
   }
 
+  private grabs(x: number, y: number): boolean {
+    if (!this.lasso) return this.holds(x, y);
+    this.drawn = [this.placeAt(x, y)];
+    return false;
+  }
+
+  private drawOn(x: number, y: number): void {
+    const [at, last] = [this.placeAt(x, y), this.drawn![this.drawn!.length - 1]!];
+    if (Math.hypot(at[0] - last[0], at[1] - last[1]) < LASSO_STEP_PX * this.metresPerPixel()) return;
+    this.drawn!.push(at);
+    this.outlines.show([...this.outlined, { corners: this.drawn!, colour: LASSO_COLOUR }]);
+    this.draw();
+  }
+
+  private endLasso(): void {
+    const corners = this.drawn;
+    this.drawn = null;
+    if (!corners) return;
+    const every = Math.ceil(corners.length / MOST_CORNERS);
+    if (corners.length >= 3) this.lasso?.(corners.filter((_, k) => k % every === 0));
+    this.outlines.show(this.outlined);
+    this.draw();
+  }
+
+  /** The map's x and y [m] at a place of the window, seen from above. */
+  private placeAt(x: number, y: number): At {
+    const box = this.canvas.getBoundingClientRect();
+    const at = new Vector3(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2, 0).unproject(this.plan);
+    return [at.x, at.y];
+  }
+
   /** Whether a place of the canvas lies on the scan's own rectangle. */
   private holds(x: number, y: number): boolean {
     if (!this.scanPoints) return false;
     const { low, high } = this.scan!.cloud;
-    const box = this.canvas.getBoundingClientRect();
-    const at = new Vector3(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2, 0).unproject(this.plan);
-    const here = at.setZ(this.T[2]![3]!).applyMatrix4(this.scanPoints.matrix.clone().invert());
+    const here = new Vector3(...this.placeAt(x, y), this.T[2]![3]!).applyMatrix4(this.scanPoints.matrix.clone().invert());
     const margin = 12 * this.metresPerPixel();
     return [here.x, here.y].every((value, k) => value > low[k]! - margin && value < high[k]! + margin);
   }

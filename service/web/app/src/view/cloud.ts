@@ -32,7 +32,7 @@ function joined(left: Uint8Array, right: Uint8Array): Uint8Array {
   return both;
 }
 
-/** Points as their bytes arrive: no more is held than what is kept; of more than 200,000 points every n-th is. */
+/** Points as their bytes arrive: no more is held than what is kept; of too many points every n-th is. */
 class Gathered {
   private readonly step: number;
   private readonly xyz: Float32Array;
@@ -41,8 +41,8 @@ class Gathered {
   private seen = 0;
   private kept = 0;
 
-  constructor(private readonly header: Header) {
-    this.step = Math.max(1, Math.ceil(header.points / MOST_POINTS));
+  constructor(private readonly header: Header, most: number) {
+    this.step = Math.max(1, Math.ceil(header.points / most));
     this.xyz = new Float32Array(Math.ceil(header.points / this.step) * 3);
   }
 
@@ -71,8 +71,8 @@ class Gathered {
   }
 }
 
-/** Load a cloud piece by piece; of more than 200,000 points every n-th is kept, the others are never held. */
-export async function loadCloud(path: string): Promise<Cloud> {
+/** Load a cloud piece by piece; of more than `most` points every n-th is kept, the others are never held. */
+export async function loadCloud(path: string, most = MOST_POINTS): Promise<Cloud> {
   const answer = await fetch(path, { credentials: "same-origin" });
   if (!answer.ok) throw new Error(`${path}: ${answer.status}`);
   const reader = answer.body!.getReader();
@@ -83,7 +83,7 @@ export async function loadCloud(path: string): Promise<Cloud> {
     if (!gathered) {
       const header = headerOf(left);
       if (!header) continue;
-      gathered = new Gathered(header);
+      gathered = new Gathered(header, most);
       left = left.subarray(header.offset);
     }
     left = gathered.take(left);
