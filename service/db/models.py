@@ -131,6 +131,8 @@ class Drawing(Base):
     reading: Mapped[dict[str, Any] | None]
     walls_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     removed_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
+    sheet_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
+    tiles_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     preview_sha256: Mapped[str | None] = mapped_column(ForeignKey("blobs.sha256"))
     created_at: Mapped[datetime]
     created_by: Mapped[str] = mapped_column(ForeignKey("keys.id"))

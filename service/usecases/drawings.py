@@ -22,6 +22,8 @@ from service.usecases.maps import covered_map
 _FILES = {
     "preview.png": ("preview_sha256", "image/png", "preview.png"),
     "walls.geojson": ("walls_sha256", "application/geo+json", "walls.geojson"),
+    "sheet.json": ("sheet_sha256", "application/json", "sheet.json"),
+    "sheet.bin": ("tiles_sha256", "application/octet-stream", "sheet.bin"),
     "removed.geojson": ("removed_sha256", "application/geo+json", "removed.geojson"),
 }
 
@@ -72,8 +74,10 @@ def drawing_file(kernel: Kernel, session: Session, actor: Actor, *, drawing_id: 
     column, media_type, file_name = _FILES[name]
     sha256: str | None = getattr(drawing, column)
     if sha256 is None:
+        lines = "it is lines, not pixels, or was read before these were kept"
+        why = lines if drawing.reading is not None else f"the job that reads it is {job.state}"
         raise ArtifactNotFound(
-            f"The drawing has no {name} yet: the job that reads it is {job.state}.",
+            f"The drawing has no {name}: {why}.",
             job_id=job.id,
             job_state=job.state,
         )

@@ -33,7 +33,8 @@ def record_drawing_reading(
     reading : dict
         What ``reading.json`` says.
     files : mapping of str to Stored
-        ``walls.geojson``, ``removed.geojson`` and ``preview.png``, in the blob store already.
+        ``walls.geojson``, ``removed.geojson`` and ``preview.png``, in the blob store already; of a sheet of
+        pixels ``sheet.json`` and ``sheet.bin`` too.
 
     Raises
     ------
@@ -48,5 +49,7 @@ def record_drawing_reading(
     drawing.reading = reading
     drawing.walls_sha256 = files["walls.geojson"].sha256
     drawing.removed_sha256 = files["removed.geojson"].sha256
+    drawing.sheet_sha256 = files["sheet.json"].sha256 if "sheet.json" in files else None
+    drawing.tiles_sha256 = files["sheet.bin"].sha256 if "sheet.bin" in files else None
     drawing.preview_sha256 = files["preview.png"].sha256
     return drawing

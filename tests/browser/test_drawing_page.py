@@ -12,6 +12,7 @@ from typing import Any
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 from PIL import Image
 from playwright.sync_api import Locator, Page, expect
 
@@ -81,6 +82,11 @@ class Sheet:
             self.page.mouse.move(*self.on_page(at), steps=4)
         self.page.mouse.up()
 
+    def inked(self) -> NDArray[np.bool_]:
+        """Return which pixels of the canvas, buttons on it left out, are not bare paper."""
+        pixels = np.asarray(Image.open(io.BytesIO(self.canvas.screenshot())).convert("RGB"))
+        return np.asarray(pixels.min(axis=-1)[70:-5, 5:-5] < 200)
+
     def dark(self) -> int:
         """Return how many pixels are as dark as walls."""
         pixels = np.asarray(Image.open(io.BytesIO(self.canvas.screenshot())).convert("RGB"))
@@ -93,6 +99,25 @@ def box_around(feature: dict[str, Any]) -> list[At]:
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
     room = 0.02 * max(x1 - x0, y1 - y0)
     return [(x0 - room, y0 - room), (x1 + room, y0 - room), (x1 + room, y1 + room), (x0 - room, y1 + room)]
+
+
+def look_below_the_strokes(page: Page, sheet: Sheet) -> None:
+    """Hide every stroke: what is left is the sheet, where the strokes were, and that can be hidden too."""
+    expect(page.locator("canvas.sheet[data-settled=true]")).to_be_visible()
+    strokes_too = sheet.inked()
+    boxes = page.get_by_role("region", name="Kept and set aside").get_by_role("checkbox")
+    for box in boxes.all():
+        box.uncheck()
+    page.wait_for_timeout(200)
+    alone = sheet.inked()
+    assert alone.sum() > 2000
+    assert (alone & strokes_too).sum() > 0.97 * alone.sum()
+    page.get_by_role("button", name="The sheet itself").click()
+    expect(page.locator("canvas.sheet[data-tiles=none]")).to_be_visible()
+    assert not sheet.inked().any()
+    page.get_by_role("button", name="The sheet itself").click()
+    for box in boxes.all():
+        box.check()
 
 
 def length(feature: dict[str, Any]) -> float:
@@ -122,6 +147,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     sheet = Sheet(page)
     expect(sheet.canvas).to_be_visible()
     watched.accessible()
+    look_below_the_strokes(page, sheet)
 
     clicked = known_length(plant.hall)
     before = plant.drawing()["reading"]

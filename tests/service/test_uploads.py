@@ -63,7 +63,7 @@ def test_a_drawing_is_stored_and_its_job_queued(server: Server, tablet: httpx.Cl
     assert (drawing["file_name"], drawing["media_type"]) == ("office.png", "image/png")
     assert drawing["options"] == {"page": 1, "scale": {"metres_per_unit": 0.02}}
     assert drawing["reading"] is None
-    assert drawing["files"] == {"preview": None, "walls": None, "removed": None}
+    assert drawing["files"] == dict.fromkeys(("preview", "walls", "removed", "sheet", "tiles"))
     assert (job["kind"], job["state"], job["subject_id"]) == ("read-drawing", "queued", drawing["id"])
     assert tablet.get(answer.headers["location"]).json() == drawing
     assert tablet.get(f"/v1/jobs/{job['id']}").json() == job

@@ -49,7 +49,12 @@ Progress = Callable[[str, float], None]
 
 
 def read_drawing_file(
-    path: Path, *, options: DrawingOptions, bounds: Bounds | None = None, progress: Progress | None = None
+    path: Path,
+    *,
+    options: DrawingOptions,
+    bounds: Bounds | None = None,
+    progress: Progress | None = None,
+    seen: Callable[[Sheet], None] | None = None,
 ) -> Reading:
     """Return the reading of a drawing file; what kind it is, its own bytes tell.
 
@@ -63,6 +68,8 @@ def read_drawing_file(
         The most that is read.
     progress : callable, optional
         Told the stage and the share done; what it raises ends the work.
+    seen : callable, optional
+        Given the pixels, if it is a sheet of pixels, before they are read.
 
     Returns
     -------
@@ -83,6 +90,8 @@ def read_drawing_file(
     tell("load", 0.0)
     file = _File(path, options, bounds or Bounds(), _part(tell, 0.0, 0.9))
     loaded = _load(file)
+    if seen is not None and isinstance(loaded, Sheet):
+        seen(loaded)
     reading = _in_known_layers(_read(loaded, file))
     reading = _settled(apply_edits(reading, options.edits, progress=_part(tell, 0.9, 0.98)))
     tell("judge", 0.98)

@@ -118,12 +118,15 @@ def get_drawing_file(
     kernel: KernelDep,
     actor: AnyActor,
     drawing_id: DrawingId,
-    name: Annotated[str, Path(description="`preview.png`, `walls.geojson` or `removed.geojson`.")],
+    name: Annotated[
+        str, Path(description="`preview.png`, `walls.geojson`, `removed.geojson`, `sheet.json`, `sheet.bin`.")
+    ],
 ) -> Response:
     """Download a file of the latest finished reading.
 
     `preview.png` is for people; `walls.geojson` holds the walls in frame `drawing`, and `removed.geojson`
-    every stroke that was set aside, with its reason.
+    every stroke that was set aside, with its reason. `sheet.json` and `sheet.bin` have the pixels of a sheet
+    in tiles, for viewers.
     """
     with kernel.db.reading() as session:
         file = drawing_file(kernel, session, actor, drawing_id=drawing_id, name=name)

@@ -79,6 +79,8 @@ class DrawingFiles(Output):
     preview: str | None
     walls: str | None
     removed: str | None
+    sheet: str | None = Field(description="Null of a drawing that is lines, not pixels, as well.")
+    tiles: str | None
 
 
 class DrawingOut(Output):
@@ -111,6 +113,8 @@ class DrawingOut(Output):
             preview=f"{at}/preview.png" if drawing.preview_sha256 else None,
             walls=f"{at}/walls.geojson" if drawing.walls_sha256 else None,
             removed=f"{at}/removed.geojson" if drawing.removed_sha256 else None,
+            sheet=f"{at}/sheet.json" if drawing.sheet_sha256 else None,
+            tiles=f"{at}/sheet.bin" if drawing.tiles_sha256 else None,
         )
         return cls(
             id=drawing.id,

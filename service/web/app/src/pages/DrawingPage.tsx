@@ -1,9 +1,10 @@
 /** Correct a drawing: what is a wall and what is not, how large it is, and the first map from it. */
-import { useEffect, useMemo, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { follow, get, patch, type Drawing, type Job, type Schemas } from "../api/client";
 import { useLoaded } from "../api/live";
 import { named, t } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
+import { SheetTiles } from "../view/SheetTiles";
 import { SheetView, type Mark } from "../view/SheetView";
 import { isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Edit, type Point, type Reading, type Stroke, type StrokeLayer } from "../view/sheet";
 import { BuildPanel } from "./BuildPanel";
@@ -18,13 +19,15 @@ const COLOURS: Record<string, string> = { include: "#1c8048", exclude: "#cd2828"
 
 interface Open {
   drawing: Drawing;
+  tiles: SheetTiles | null;
   reading: Reading | null;
   strokes: Stroke[];
 }
 
 async function open(drawingId: string): Promise<Open> {
   const drawing = await get<Drawing>(`/v1/drawings/${drawingId}`);
-  return { drawing, reading: drawing.reading as unknown as Reading | null, strokes: await loadStrokes(drawing) };
+  const [strokes, tiles] = await Promise.all([loadStrokes(drawing), SheetTiles.open(drawing)]);
+  return { drawing, tiles, reading: drawing.reading as unknown as Reading | null, strokes };
 }
 
 function marksOf(edits: readonly Edit[], reading: Reading): Mark[] {
@@ -64,7 +67,7 @@ function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[]): Edit {
   return { action: tool === "erase" ? "erase-walls" : (tool as "include" | "exclude"), within };
 }
 
-function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
+function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const view = useRef<SheetView | null>(null);
   const said = (drawing.options.edits ?? []) as unknown as Edit[];
@@ -72,6 +75,7 @@ function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
   const [tool, setTool] = useState<Tool>("pan");
   const [clicks, setClicks] = useState<Point[]>([]);
   const [hidden, setHidden] = useState<ReadonlySet<string>>(new Set());
+  const [pixels, setPixels] = useState(true);
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const layers = useMemo(() => [...new Set(strokes.map((one) => one.layer))], [strokes]);
@@ -94,14 +98,16 @@ function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
     },
     drawn: (ring) => add(editFrom(tool, ring.map((at) => toFile(reading, at)), layers.filter((layer) => !hidden.has(layer)))),
   };
-  useEffect(() => {
+  useLayoutEffect(() => {
     const made = new SheetView(canvas.current!, reading.sheet, { tapped: (at) => heard.current.tapped(at), drawn: (ring) => heard.current.drawn(ring) });
     view.current = made;
     return () => made.leave();
   }, [reading]);
-  useEffect(() => view.current?.show(strokes, hidden, lit), [reading, strokes, hidden, lit]);
-  useEffect(() => view.current?.mark([...marksOf(edits, reading), ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : [])]), [reading, edits, clicks]);
-  useEffect(() => {
+  useLayoutEffect(() => view.current?.show(strokes, hidden, lit), [reading, strokes, hidden, lit]);
+  useLayoutEffect(() => view.current?.under(pixels ? tiles : null), [reading, tiles, pixels]);
+  useLayoutEffect(() => () => tiles?.leave(), [tiles]);
+  useLayoutEffect(() => view.current?.mark([...marksOf(edits, reading), ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : [])]), [reading, edits, clicks]);
+  useLayoutEffect(() => {
     view.current!.lasso = LASSOS.includes(tool);
     setClicks([]);
   }, [tool, reading]);
@@ -143,6 +149,7 @@ function Editor({ drawing, reading, strokes, mapId, reload }: EditorProps) {
             <button type="button" aria-label={t("draw.nearer")} onClick={() => view.current?.step(0, 0, 1.4)}>+</button>
             <button type="button" aria-label={t("draw.farther")} onClick={() => view.current?.step(0, 0, 1 / 1.4)}>−</button>
             <button type="button" onClick={() => view.current?.fit()}>{t("draw.fit")}</button>
+            {tiles && <button type="button" aria-pressed={pixels} onClick={() => setPixels(!pixels)}>{t("draw.pixels")}</button>}
           </div>
         </div>
         <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoHelp") : tool === "scale" ? t("draw.scaleHelp") : tool === "addWall" ? t("draw.wallHelp") : t("draw.panHelp")}</p>

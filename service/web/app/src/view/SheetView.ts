@@ -1,5 +1,6 @@
 /** Strokes on a canvas that pans and zooms: a picture of them is moved while fingers move, and drawn anew at rest. */
 import { followPointers } from "./pointers";
+import type { SheetTiles } from "./SheetTiles";
 import type { Point, Stroke } from "./sheet";
 
 const COLOURS: Record<string, string> = {
@@ -10,6 +11,7 @@ export const colourOf = (layer: string): string => COLOURS[layer] ?? COLOURS.oth
 
 const ROOM = 1.6;
 const REST_MS = 90;
+const PIXELS_SEEN = 0.5;
 
 /** What lies over the strokes, in frame `drawing`. */
 export interface Mark {
@@ -40,6 +42,8 @@ export class SheetView {
   private hidden: ReadonlySet<string> = new Set();
   private lit: ReadonlySet<string> = new Set();
   private marks: readonly Mark[] = [];
+  private tiles: SheetTiles | null = null;
+  private fitted = false;
   private freehand: Point[] | null = null;
   private moved = 0;
   private asked = 0;
@@ -49,6 +53,7 @@ export class SheetView {
 
   constructor(private readonly canvas: HTMLCanvasElement, private readonly sheet: Point, private readonly listener: Listener) {
     this.view = { x: sheet[0] / 2, y: sheet[1] / 2, zoom: 1 };
+    delete canvas.dataset.drawn;
     const leave = followPointers(canvas, {
       grabs: (x, y) => this.began(x, y),
       move: (drawing, dx, dy, zoom, _turn, x, y) => (drawing && zoom === 1 ? this.drew(x, y) : this.pan(dx, dy, zoom, x, y)),
@@ -75,6 +80,12 @@ export class SheetView {
     this.redraw();
   }
 
+  /** Show the sheet's own pixels below the strokes; null shows none. */
+  under(tiles: SheetTiles | null): void {
+    this.tiles = tiles;
+    this.redraw();
+  }
+
   mark(marks: readonly Mark[]): void {
     this.marks = marks;
     this.paint();
@@ -96,7 +107,9 @@ export class SheetView {
     const ratio = Math.min(devicePixelRatio, 2);
     this.canvas.width = Math.max(1, Math.round(this.canvas.clientWidth * ratio));
     this.canvas.height = Math.max(1, Math.round(this.canvas.clientHeight * ratio));
-    this.fit();
+    if (this.fitted) this.redraw();
+    else this.fit();
+    this.fitted ||= this.canvas.clientWidth > 0;
   }
 
   private at(x: number, y: number): Point {
@@ -148,6 +161,7 @@ export class SheetView {
     pen.setTransform(zoom, 0, 0, -zoom, -left * zoom, top * zoom);
     pen.fillStyle = "#ffffff";
     pen.fillRect(left, low, right - left, top - low);
+    if (this.tiles) this.drawTiles(pen, { left, low, right, top });
     const paths = new Map<string, Path2D>();
     for (const stroke of this.strokes) {
       if (this.hidden.has(stroke.layer) || stroke.high[0] < left || stroke.low[0] > right || stroke.high[1] < low || stroke.low[1] > top) continue;
@@ -161,6 +175,20 @@ export class SheetView {
     }
     for (const [layer, path] of paths) this.stroke(pen, layer, path, zoom);
     this.paint();
+  }
+
+  private drawTiles(pen: CanvasRenderingContext2D, { left, low, right, top }: { left: number; low: number; right: number; top: number }): void {
+    const units = this.sheet[0] / this.tiles!.size[0];
+    const zoom = this.pictured.zoom * this.ratio() * units;
+    pen.save();
+    pen.transform(units, 0, 0, -units, 0, this.sheet[1]);
+    pen.globalAlpha = PIXELS_SEEN;
+    const sight = { left: left / units, right: right / units, top: (this.sheet[1] - top) / units, bottom: (this.sheet[1] - low) / units, zoom };
+    this.tiles!.draw(pen, sight, () => {
+      clearTimeout(this.rest);
+      this.rest = setTimeout(() => this.redraw(), REST_MS);
+    });
+    pen.restore();
   }
 
   private stroke(pen: CanvasRenderingContext2D, layer: string, path: Path2D, zoom: number): void {
@@ -193,6 +221,8 @@ export class SheetView {
       for (const mark of this.marks) this.outline(pen, mark, zoom);
       if (this.freehand) this.outline(pen, { ring: this.freehand, closed: true, colour: "#0b5cad" }, zoom);
       this.canvas.dataset.drawn = String(this.strokes.length);
+      this.canvas.dataset.tiles = this.tiles ? String(this.tiles.held) : "none";
+      this.canvas.dataset.settled = String(this.tiles?.settled ?? true);
       this.canvas.dataset.view = [this.view.x, this.view.y, this.view.zoom].join(" ");
     });
   };
