@@ -6,7 +6,7 @@ import io
 import math
 import re
 from collections.abc import Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -205,3 +205,79 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     assert (recipe["voxel_size_m"], recipe["floor"]) == (0.2, True)
     watched.accessible()
     watched.clean()
+
+
+def test_walls_are_erased_kept_and_left_out_by_drawing_around_them(plant: Plant, visit: Visit) -> None:
+    here = replace(plant, map_id=steps.make_map(plant.admin, site="Nagoya", name="Hall 6"))
+    clicked = known_length(plant.hall)
+    drawing = steps.read_drawing(plant.admin, here.map_id, drawing_png(plant.hall), clicked=clicked)
+    watched = visit(plant.running.address)
+    page = watched.page
+    watched.sign_in(plant.running.admin_key)
+    page.goto(f"{plant.running.address}/#/maps/{here.map_id}/drawings/{drawing['id']}")
+    sheet = Sheet(page)
+    expect(sheet.canvas).to_be_visible()
+    page.get_by_role("button", name="Light or dark").click()
+    watched.accessible()
+    set_scale_in_feet(page, sheet, here)
+
+    walls = {one["properties"]["id"]: one for one in here.features("walls")}
+    inner = min((one for one in walls.values() if one["properties"].get("faces")), key=length)
+    name = inner["properties"]["id"]
+    page.get_by_role("button", name="Erase walls").click()
+    sheet.lasso(box_around(inner))
+    page.keyboard.press("Control+z")
+    expect(page.get_by_role("button", name="Save and read again")).to_be_disabled()
+    page.keyboard.press("Control+y")
+    save(page)
+    assert set(walls) - {one["properties"]["id"] for one in here.features("walls")} == {name}
+    page.get_by_role("button", name="Keep as walls").click()
+    sheet.lasso(box_around(inner))
+    save(page)
+    kept = [one for one in here.features("walls") if one["geometry"]["type"] == "LineString"]
+    ends = np.array(inner["geometry"]["coordinates"])
+    near = [np.abs(np.array(one["geometry"]["coordinates"]) - ends.mean(axis=0)).max() for one in kept]
+    assert min(near) < length(inner)
+    for _ in range(2):
+        page.keyboard.press("Control+z")
+    save(page)
+    assert {one["properties"]["id"] for one in here.features("walls")} == set(walls)
+
+    wide, high = here.drawing()["reading"]["sheet"]
+    half = [
+        (wide * 0.01, high * 0.01),
+        (wide / 2, high * 0.01),
+        (wide / 2, high * 0.99),
+        (wide * 0.01, high * 0.99),
+    ]
+    for tool, side in (("Only this part", -1.0), ("Not this part", 1.0)):
+        page.get_by_role("button", name=tool).click()
+        sheet.lasso(half)
+        save(page)
+        middles = [np.mean(np.array(one["geometry"]["coordinates"]).reshape(-1, 2), axis=0)
+                   for one in here.features("walls") if one["geometry"]["type"] == "LineString"]  # fmt: skip
+        assert 2 <= len(middles) < len(walls)
+        assert all(side * (x - wide / 2) > -0.1 * wide for x, _ in middles)
+        page.get_by_role("button", name="Undo").click()
+    save(page)
+    watched.clean()
+
+
+def set_scale_in_feet(page: Page, sheet: Sheet, plant: Plant) -> None:
+    """Set the scale to three times the true one, told in feet, and back."""
+    clicked = known_length(plant.hall)
+    truth = clicked.length_m / math.hypot(clicked.x2 - clicked.x1, clicked.y2 - clicked.y1)
+    for times in (3.0, 1.0):
+        reading = plant.drawing()["reading"]
+        factor, top = reading["scale"]["metres_per_unit"], reading["drawing_top"]
+        page.get_by_role("button", name="Set the scale").click()
+        for x, y in ((clicked.x1, clicked.y1), (clicked.x2, clicked.y2)):
+            sheet.click((x * factor, top - y * factor))
+        page.get_by_label("Unit of the length").select_option("ft")
+        page.get_by_label("Length [ft]").fill(f"{times * clicked.length_m / 0.3048:.4f}")
+        page.get_by_role("button", name="Apply").click()
+        shown = re.compile(rf"^{times * truth:.5g}"[:6].replace(".", r"\."))
+        region = page.get_by_role("region", name="Scale")
+        expect(region.get_by_text(shown)).to_be_visible(timeout=60_000)
+        now = plant.drawing()["reading"]["scale"]["metres_per_unit"]
+        assert now == pytest.approx(times * truth, rel=0.01)

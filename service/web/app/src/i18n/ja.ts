@@ -62,7 +62,7 @@ const ja: Words = {
   "draw.pixels": "元の図面",
   "draw.title": "図面の修正", "draw.kept": "採用", "draw.pan": "移動", "draw.keep": "壁にする", "draw.drop": "除外する", "draw.scale": "縮尺を決める", "draw.addWall": "壁を描く", "draw.erase": "壁を消す", "draw.include": "この部分だけ", "draw.exclude": "この部分以外",
   "draw.panHelp": "ドラッグで移動、ピンチかホイールで拡大します。矢印キーと + - も使えます。", "draw.lassoHelp": "指かマウスで対象を囲んでください。隠した種類には影響しません。", "draw.scaleHelp": "距離のわかる2点をクリックしてください。", "draw.wallHelp": "壁の始点と終点をクリックしてください。",
-  "draw.length": "長さ [m]", "draw.apply": "適用", "draw.undo": "元に戻す", "draw.redo": "やり直す", "draw.save": "保存して読み直す", "draw.build": "リビジョンを作る", "draw.scaleIs": "縮尺", "draw.unknown": "不明です。距離のわかる2点をクリックしてください。", "draw.unit": "画素または図面単位",
+  "draw.length": "長さ", "draw.lengthUnit": "長さの単位", "draw.reasons": "件の理由", "draw.apply": "適用", "draw.undo": "元に戻す", "draw.redo": "やり直す", "draw.save": "保存して読み直す", "draw.build": "リビジョンを作る", "draw.scaleIs": "縮尺", "draw.unknown": "不明です。距離のわかる2点をクリックしてください。", "draw.unit": "画素または図面単位",
   "draw.findings": "気づいた点", "draw.reading": "図面を読み取り中", "draw.layers": "採用と除外", "draw.confidence": "信頼度", "draw.tools": "ツール", "draw.corrections": "修正", "draw.noCorrections": "まだありません。修正は図面とともに保存され、次の版にも引き継がれます。",
   "draw.nearer": "拡大", "draw.farther": "縮小", "draw.fit": "全体", "draw.under": "レイヤーはそのままで図面を差し替える元のリビジョン:", "draw.voxel": "ボクセルの大きさ [m]", "draw.height": "壁の高さ [m]", "draw.floor": "床あり", "draw.ceiling": "天井あり",
   "edit.include": "この部分だけ", "edit.exclude": "この部分以外", "edit.add-wall": "壁を描く", "edit.erase-walls": "壁を消す", "scale.given": "指定", "scale.found": "検出", "scale.unknown": "不明",

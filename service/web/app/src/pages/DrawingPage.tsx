@@ -6,7 +6,7 @@ import { named, t } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
 import { SheetTiles } from "../view/SheetTiles";
 import { SheetView, type Mark } from "../view/SheetView";
-import { isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Edit, type Point, type Reading, type Stroke, type StrokeLayer } from "../view/sheet";
+import { isHidden, isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Edit, type Point, type Reading, type Stroke, type StrokeLayer } from "../view/sheet";
 import { BuildPanel } from "./BuildPanel";
 import { StrokeLayers } from "./StrokeLayers";
 import { ScalePanel, type KnownLength } from "./ScalePanel";
@@ -61,7 +61,11 @@ interface EditorProps extends Open {
   reload: () => void;
 }
 
-function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[]): Edit {
+const MOST_STROKES = 1000;
+
+/** What a person drew around, as a correction: by layers, or stroke by stroke where some of a layer are hidden. */
+function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[], named: string[] | null): Edit {
+  if (named && (tool === "keep" || tool === "drop")) return { action: "move", strokes: named, to: tool === "keep" ? "wall" : SET_ASIDE };
   if (tool === "keep") return { action: "move", within, of: shown.filter((layer) => !KEPT.includes(layer)), to: "wall" };
   if (tool === "drop") return { action: "move", within, of: shown.filter((layer) => KEPT.includes(layer)), to: SET_ASIDE };
   return { action: tool === "erase" ? "erase-walls" : (tool as "include" | "exclude"), within };
@@ -83,7 +87,8 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
   const lit = useMemo(() => {
     const fresh = edits.slice(said.length).flatMap((edit) => (edit.action === "move" && edit.within ? [edit] : []));
     const rings = fresh.map((edit) => ({ of: edit.of ?? layers, ring: edit.within!.map((at) => toDrawing(reading, at)) }));
-    return new Set(strokes.filter((one) => rings.some(({ of, ring }) => of.includes(one.layer) && mostlyInside(one, ring))).map((one) => one.id));
+    const called = new Set(edits.slice(said.length).flatMap((edit) => (edit.action === "move" ? (edit.strokes ?? []) : [])));
+    return new Set(strokes.filter((one) => called.has(one.id) || rings.some(({ of, ring }) => of.includes(one.layer) && mostlyInside(one, ring))).map((one) => one.id));
   }, [edits, strokes]);
 
   const heard = useRef({ tapped: (_: Point) => {}, drawn: (_: Point[]) => {} });
@@ -96,7 +101,11 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
         setClicks([]);
       } else setClicks(next);
     },
-    drawn: (ring) => add(editFrom(tool, ring.map((at) => toFile(reading, at)), layers.filter((layer) => !hidden.has(layer)))),
+    drawn: (ring) => {
+      const inside = strokes.filter((one) => !isHidden(one, hidden) && isKept(one) === (tool === "drop") && mostlyInside(one, ring)).map((one) => one.id);
+      const byName = [...hidden].some((name) => !layers.includes(name as StrokeLayer)) && inside.length > 0 && inside.length <= MOST_STROKES;
+      add(editFrom(tool, ring.map((at) => toFile(reading, at)), layers.filter((layer) => !hidden.has(layer)), byName ? inside : null));
+    },
   };
   useLayoutEffect(() => {
     const made = new SheetView(canvas.current!, reading.sheet, { tapped: (at) => heard.current.tapped(at), drawn: (ring) => heard.current.drawn(ring) });
@@ -133,6 +142,18 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
     event.preventDefault();
     view.current?.step(step[0]!, step[1]!, step[2]!);
   };
+  useLayoutEffect(() => {
+    const redone = (event: KeyboardEvent) => {
+      if (!(event.ctrlKey || event.metaKey) || event.target instanceof HTMLInputElement) return;
+      const key = event.key.toLowerCase();
+      const step = key === "z" && !event.shiftKey ? undo : key === "y" || key === "z" ? redo : undefined;
+      if (!step) return;
+      event.preventDefault();
+      step();
+    };
+    addEventListener("keydown", redone);
+    return () => removeEventListener("keydown", redone);
+  }, [undo, redo]);
   const measured = (length: number): KnownLength => {
     const [[x1, y1], [x2, y2]] = clicks.map((at) => toFile(reading, at)) as [Point, Point];
     return { x1, y1, x2, y2, length_m: length };
@@ -164,8 +185,8 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
           {edits.length === 0 && <p class="quiet">{t("draw.noCorrections")}</p>}
           <ol class="reasons">{edits.map((edit, k) => <li key={k}>{wordsOf(edit)}</li>)}</ol>
           <div class="chips">
-            <button type="button" disabled={!undo} onClick={undo}>{t("draw.undo")}</button>
-            <button type="button" disabled={!redo} onClick={redo}>{t("draw.redo")}</button>
+            <button type="button" disabled={!undo} onClick={undo} aria-keyshortcuts="Control+Z" title="Ctrl+Z">{t("draw.undo")}</button>
+            <button type="button" disabled={!redo} onClick={redo} aria-keyshortcuts="Control+Y" title="Ctrl+Y">{t("draw.redo")}</button>
             <button class="primary" type="button" disabled={!unsaved || job !== null} onClick={() => void change({ edits: [...edits] })}>{t("draw.save")}</button>
           </div>
         </section>

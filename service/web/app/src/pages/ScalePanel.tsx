@@ -17,6 +17,7 @@ interface ScalePanelProps {
 }
 
 const TONES = { given: "good", found: "good", unknown: "bad" } as const;
+const UNITS = { m: 1, cm: 0.01, mm: 0.001, ft: 0.3048, in: 0.0254 } as const;
 const unitText = (metres: number) => `${metres.toPrecision(5)} m`;
 
 /** By how much a witness differs from the scale [%]. */
@@ -25,7 +26,8 @@ const offBy = (scale: Scale, metres: number | null) =>
 
 export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }: ScalePanelProps) {
   const [length, setLength] = useState("");
-  const metres = Number(length.replace(",", "."));
+  const [unit, setUnit] = useState<keyof typeof UNITS>("m");
+  const metres = Number(length.replace(",", ".")) * UNITS[unit];
   const go = (event: Event) => {
     event.preventDefault();
     measured(metres);
@@ -45,7 +47,10 @@ export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }:
       ))}
       {measuring && (
         <form onSubmit={go}>
-          <label>{t("draw.length")}<input inputmode="decimal" value={length} disabled={clicks < 2} onInput={(event) => setLength(event.currentTarget.value)} /></label>
+          <label>{t("draw.length")} [{unit}]<input inputmode="decimal" value={length} disabled={clicks < 2} onInput={(event) => setLength(event.currentTarget.value)} /></label>
+          <select aria-label={t("draw.lengthUnit")} value={unit} onChange={(event) => setUnit(event.currentTarget.value as keyof typeof UNITS)}>
+            {Object.keys(UNITS).map((name) => <option key={name}>{name}</option>)}
+          </select>
           <button class="primary" disabled={busy || clicks < 2 || !(metres > 0)}>{t("draw.apply")}</button>
         </form>
       )}

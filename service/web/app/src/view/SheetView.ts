@@ -1,7 +1,7 @@
 /** Strokes on a canvas that pans and zooms: a picture of them is moved while fingers move, and drawn anew at rest. */
 import { followPointers } from "./pointers";
 import type { SheetTiles } from "./SheetTiles";
-import type { Point, Stroke } from "./sheet";
+import { isHidden, type Point, type Stroke } from "./sheet";
 
 const COLOURS: Record<string, string> = {
   wall: "#141414", column: "#6e3c96", text: "#cd2850", dimension: "#d07800", hatch: "#6f9020", furniture: "#1f86a8", stair: "#a03cb0", door: "#1c8048", window: "#3060e0",
@@ -164,7 +164,7 @@ export class SheetView {
     if (this.tiles) this.drawTiles(pen, { left, low, right, top });
     const paths = new Map<string, Path2D>();
     for (const stroke of this.strokes) {
-      if (this.hidden.has(stroke.layer) || stroke.high[0] < left || stroke.low[0] > right || stroke.high[1] < low || stroke.low[1] > top) continue;
+      if (isHidden(stroke, this.hidden) || stroke.high[0] < left || stroke.low[0] > right || stroke.high[1] < low || stroke.low[1] > top) continue;
       const key = this.lit.has(stroke.id) ? "lit" : stroke.layer;
       const path = paths.get(key) ?? new Path2D();
       paths.set(key, path);

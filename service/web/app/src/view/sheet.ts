@@ -35,6 +35,9 @@ export interface Reading {
 }
 
 export const KEPT: readonly StrokeLayer[] = ["wall", "column"];
+/** What a stroke is hidden by besides its layer. */
+export const reasonOf = (stroke: Stroke): string => `${stroke.layer}: ${stroke.reason}`;
+export const isHidden = (stroke: Stroke, hidden: ReadonlySet<string>): boolean => hidden.has(stroke.layer) || hidden.has(reasonOf(stroke));
 export const isKept = (stroke: Stroke): boolean => KEPT.includes(stroke.layer);
 
 interface Feature {
