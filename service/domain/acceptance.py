@@ -55,8 +55,9 @@ class AcceptancePolicy:
         They are objects where no more than this of the structure stands on one plane, and at least this share
         of what reaches the top is on the map. Left-over walls of wrong poses never are.
     mirror_lead : float
-        A mirror image of the scan that explains this share more of the structure shows that the scan is one,
-        as of a file with a flipped axis. A room that is its own mirror image cannot tell.
+        A mirror image of the scan that explains this share more of the structure is a rival; below 0, one
+        that fits as well is enough. Either the file has a flipped axis, or the room is its own mirror image
+        and cannot tell.
     runner_up_margin : float
         A runner-up that explains the structure but for this share as well as the pose makes it ambiguous; of
         a pose that leaves structure unexplained, half of that more is asked.
@@ -90,7 +91,7 @@ class AcceptancePolicy:
     furnished_inlier_share: float = 0.65
     furnished_undrawn_share: float = 0.07
     furnished_share_at_top: float = 0.965
-    mirror_lead: float = 0.003
+    mirror_lead: float = -0.0005
     runner_up_margin: float = 0.1
     free_rival_margin: float = 0.2
     contradiction_weight: float = 2.0
@@ -244,7 +245,7 @@ def _rivalled(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
 
 
 def _mirrored(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
-    """Return whether the scan's mirror image fits better than the scan, so that it seems to be one itself."""
+    """Return whether the scan's mirror image fits as well as the scan, so that it may be one itself."""
     if e.mirrored_inlier_share is None:
         return False
     weight = policy.closed_contradiction_weight
@@ -280,8 +281,8 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
         )
     if _mirrored(e, policy):
         doubts.append(
-            "The scan's mirror image fits better: its file seems to have a flipped axis. "
-            "Export it anew, or scan more of the room."
+            "The scan's mirror image fits as well or better: its file may have a flipped axis, or the room "
+            "is its own mirror image. See that left and right are right, or scan more of the room."
         )
     if e.starts_agreeing < policy.least_agreement * e.starts:
         doubts.append(f"Only {e.starts_agreeing} of {e.starts} starts ended at this pose.")
