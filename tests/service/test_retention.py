@@ -13,7 +13,7 @@ from service.usecases.prune_revisions import prune_revisions
 from service.usecases.rebuild import record_rebuild
 from tests.server import Server, running, start
 from tests.service.asking import a_map, ok, refused
-from tests.service.by_hand import ByHand
+from tests.service.by_hand import PICTURE, ByHand
 
 
 def a_cloud(client: httpx.Client, by_hand: ByHand, map_id: str, content: bytes) -> int:
@@ -72,7 +72,7 @@ def _story(server: Server) -> None:
     shown = ok(admin.get(where))
     assert (shown["status"], shown["layers"], shown["pruned_at"] is None) == ("ready", [], False)
 
-    files = {"point-cloud.pcd": b"cloud 2", "report.json": b"{}"}
+    files = {"point-cloud.pcd": b"cloud 2", "preview.png": PICTURE, "report.json": b"{}"}
     job = ok(admin.post(f"{where}/rebuild"), 202)
     attempt = by_hand.claim(job["id"])
     stored = {path: by_hand.keep(content) for path, content in files.items()}
