@@ -131,14 +131,17 @@ class PieceStore:
         return self._folder / upload_id
 
     def size_bytes(self, upload_id: str) -> int:
-        """Return how many bytes are safely on disk.
+        """Return how many bytes are safely on disk; they stay as many until the next piece begins.
 
         Raises
         ------
+        UploadBusy
+            If a piece is being written: where the next one would begin is not known yet.
         UploadExpired
             If the file is gone.
         """
         with self._opened(upload_id, os.O_RDONLY) as fd, full_disk_refused():
+            _lock(fd, fcntl.LOCK_SH)
             os.fsync(fd)
             return os.fstat(fd).st_size
 
@@ -154,13 +157,7 @@ class PieceStore:
             If the file is gone.
         """
         with self._opened(upload_id, os.O_RDWR | os.O_APPEND) as fd:
-            try:
-                fcntl.flock(fd, fcntl.LOCK_EX | fcntl.LOCK_NB)
-            except BlockingIOError:
-                raise UploadBusy(
-                    "Another request is writing to this upload; ask for its offset in a moment.",
-                    retry_after_s=_BUSY_FOR_S,
-                ) from None
+            _lock(fd, fcntl.LOCK_EX)
             if os.fstat(fd).st_nlink == 0:
                 raise _gone(upload_id)
             appender = Appender(fd, self._folder / f"{upload_id}.aside", max_bytes=max_bytes)
@@ -207,6 +204,16 @@ class PieceStore:
             yield fd
         finally:
             os.close(fd)
+
+
+def _lock(fd: int, kind: int) -> None:
+    try:
+        fcntl.flock(fd, kind | fcntl.LOCK_NB)
+    except BlockingIOError:
+        raise UploadBusy(
+            "Another request is writing to this upload; ask for its offset in a moment.",
+            retry_after_s=_BUSY_FOR_S,
+        ) from None
 
 
 def _gone(upload_id: str) -> UploadExpired:

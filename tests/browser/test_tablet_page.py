@@ -122,7 +122,7 @@ def test_a_scan_is_sent_over_a_bad_network_watched_and_taken(
         take = page.get_by_role("button", name="Yes, take it")
         expect(take).to_be_visible(timeout=120_000)
         assert network.cuts == 2
-        assert network.sent - before < len(content) + 3 * PIECE + 20 * HEADERS
+        assert network.sent - before < len(content) + PIECE + 20 * HEADERS
         watched.accessible()
         page.screenshot(path=pictures / "tablet-fit.png")
         take.tap()
@@ -189,4 +189,4 @@ def test_three_hundred_megabytes_through_a_network_that_falls_every_twenty_secon
     twice = (sent - size) / PIECE
     print(f"\n{size / 1e6:.0f} MB in {took:.0f} s, {cuts} cuts and a reload; {twice:.2f} pieces sent twice")
     assert cuts >= 3
-    assert sent < size + (cuts + 1) * PIECE + 200 * HEADERS
+    assert twice < 1

@@ -114,3 +114,11 @@ def test_large_uploads_and_event_streams_pass(
     assert answer.headers["content-type"] in {"application/json", "application/problem+json"}
     with client.stream("GET", "/v1/events") as events:
         assert next(events.iter_raw()) == b"retry: 1000\n\n"
+
+
+def test_pieces_of_uploads_have_a_connection_each(clients: tuple[httpx.Client, httpx.Client, str]) -> None:
+    _, client, _ = clients
+    answer = client.options("/v1/tus")
+    assert answer.headers["tus-resumable"] == "1.0.0"
+    assert answer.headers["connection"] == "close"
+    assert client.get("/v1/maps").headers.get("connection") != "close"

@@ -70,6 +70,16 @@ def offset(client: httpx.Client, location: str) -> int:
     return int(answer.headers["upload-offset"])
 
 
+def offset_when_free(client: httpx.Client, location: str) -> int:
+    """Return the offset after whoever writes has ended."""
+    deadline = time.monotonic() + 20
+    while (answer := client.head(location, headers=TUS)).status_code == 423:
+        assert time.monotonic() < deadline
+        time.sleep(0.02)
+    assert answer.status_code == 200, answer.status_code
+    return int(answer.headers["upload-offset"])
+
+
 def piece(client: httpx.Client, location: str, at: int, content: bytes, **headers: str) -> httpx.Response:
     told = PIECE | {"Upload-Offset": str(at)} | headers
     return client.patch(location, headers=told, content=content)
@@ -143,6 +153,7 @@ def test_pieces_become_a_scan(server: Server, tablet: httpx.Client, map_id: str)
     for size in (1, 70_000, 900_000, 10**9):
         answer = piece(tablet, location, at, PLY[at : at + size])
         assert answer.status_code == 204, answer.text
+        assert answer.headers["connection"] == "close"
         at = int(answer.headers["upload-offset"])
     assert at == len(PLY)
     scan = tablet.get(answer.headers["groundplan-result"]).json()
@@ -288,12 +299,10 @@ def test_two_writers_at_once_are_one_too_many(server: Server, tablet: httpx.Clie
         busy = piece(tablet, location, 0, PLY)
         problem(busy, 423, "upload-busy")
         assert busy.headers["retry-after"] == "1"
+        head = tablet.head(location, headers=TUS)
+        assert (head.status_code, head.headers["retry-after"]) == (423, "1")
         problem(tablet.delete(location, headers=TUS), 423, "upload-busy")
-    deadline = time.monotonic() + 20
-    while (answer := piece(tablet, location, offset(tablet, location), b"")).status_code == 423:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    at = int(answer.headers["upload-offset"])
+    at = offset_when_free(tablet, location)
     assert 1 << 20 <= at <= 3 << 19
     done = piece(tablet, location, at, PLY[at:])
     assert tablet.get(done.headers["groundplan-result"]).json()["sha256"] == SHA256
@@ -304,7 +313,7 @@ def test_a_connection_that_breaks_keeps_what_came(server: Server, tablet: httpx.
     with slow_piece(server, tablet.headers["Authorization"], location, 0, PLY[:200_000]):
         time.sleep(0.3)
     wait_until_stored(stored(server, location), 200_000)
-    assert offset(tablet, location) == 200_000
+    assert offset_when_free(tablet, location) == 200_000
 
 
 def test_many_finishers_make_one_scan(server: Server, tablet: httpx.Client, admin: httpx.Client) -> None:

@@ -48,7 +48,11 @@ _SILENCE_S = 15.0
 
 
 class _TusRoute(APIRoute):
-    """A route whose answers, refusals included, name the version of the protocol."""
+    """A route whose answers, refusals included, name the version of the protocol.
+
+    Each has a connection of its own: a browser that loses one it has used before sends the whole request
+    again by itself, a piece whose bytes are mostly here (Chromium's HttpNetworkTransaction).
+    """
 
     def get_route_handler(self) -> Callable[[Request], Coroutine[Any, Any, Response]]:
         handle = super().get_route_handler()
@@ -64,6 +68,7 @@ class _TusRoute(APIRoute):
                     response.headers["Retry-After"] = str(error.members["retry_after_s"])
             response.headers["Tus-Resumable"] = _VERSION
             response.headers["Cache-Control"] = "no-store"
+            response.headers["Connection"] = "close"
             return response
 
         return speak_tus
@@ -204,7 +209,9 @@ def find_offset(desk: Desk, upload_id: str) -> Response:
 
     When all are there, `Groundplan-Result` names the drawing or scan that the upload has become and
     `Groundplan-Job` the job that reads it, also when the answer to the last piece was lost. Where neither
-    comes, an empty last piece is answered with the reason.
+    comes, an empty last piece is answered with the reason. While a piece is being written, also one whose
+    connection has fallen unnoticed, the answer is 423: an offset told then would make its reader send
+    bytes that are already here.
     """
     upload = _find(desk, upload_id)
     offset = upload.size_bytes if upload.result is not None else desk.pieces.size_bytes(upload_id)
