@@ -156,13 +156,47 @@ def test_a_scan_given_up_is_sent_no_further_and_does_not_come_back(plant: Plant,
         send_file(page, "wanted.ply", wanted)
         expect(page.get_by_role("link", name="Move it")).to_be_visible(timeout=120_000)
         assert network.sent - before < 0.2 * len(unwanted) + len(wanted) + PIECE + 20 * HEADERS
-        page.get_by_role("button", name="Send another").tap()
+        page.get_by_role("button", name="Decide later").tap()
         expect(page.get_by_role("heading", name="Which map?")).to_be_visible()
         page.reload()
         expect(page.get_by_role("button", name="Begin")).to_be_visible()
     scans = plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]
     (sent,) = (one for one in scans if one["id"] not in known)
     assert sent["sha256"] == hashlib.sha256(wanted).hexdigest()
+
+
+def test_scans_wait_in_line_and_the_line_outlives_the_page(plant: Plant, visit: Visit) -> None:
+    known = {one["id"] for one in plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]}
+    times = max(2, int(4e6 / (12 * len(plant.scan.cloud.points))))
+    contents = [plant.scan_file(times=times + n) for n in range(3)]
+    digests = [hashlib.sha256(content).hexdigest() for content in contents]
+    with bad_network(plant.running.address, rate=RATE / 4) as network:
+        watched = visit(network.url, **TABLET)
+        page = watched.page
+        open_and_sign_in(watched, plant.running.admin_key)
+        page.get_by_role("button", name="Begin").tap()
+        before = network.sent
+        for n, content in enumerate(contents):
+            send_file(page, f"room {n}.ply", content)
+            page.get_by_role("button", name="Send another").tap()
+        cards = page.locator("section.card")
+        expect(cards.filter(has_text="Waits until the one before is sent")).to_have_count(2)
+        cards.filter(has_text="room 1.ply").get_by_role("button", name="Stop and forget it").tap()
+        until_sent(network, before + 0.5 * len(contents[0]))
+        page.reload()
+        expect(cards.filter(has_text="Waits until the one before is sent")).to_have_count(1)
+        expect(page.get_by_role("link", name="Move it")).to_have_count(2, timeout=120_000)
+        assert network.sent - before < len(contents[0]) + len(contents[2]) + PIECE + 40 * HEADERS
+        watched.accessible()
+        for _ in range(2):
+            page.get_by_role("button", name="Decide later").first.tap()
+        expect(page.get_by_role("heading", name="Which map?")).to_be_visible()
+        watched.faults = [one for one in watched.faults if not one.startswith("Failed to load resource")]
+        watched.clean()
+    sent = [
+        one for one in plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"] if one["id"] not in known
+    ]
+    assert [one["sha256"] for one in sorted(sent, key=lambda one: one["id"])] == [digests[0], digests[2]]
 
 
 @pytest.mark.benchmark

@@ -1,61 +1,14 @@
-/** An upload in pieces that survives a lost connection and a closed page: what is sent is kept in IndexedDB. */
+/** An upload in pieces that survives a lost connection and a closed page. */
 import { onceKey, Refused, send } from "./client";
-
-export interface Rough {
-  x_m: number;
-  y_m: number;
-  yaw_rad: number;
-}
-
-/** A scan on its way. It is forgotten when the service has placed it, or the user gives it up. */
-export interface Parcel {
-  mapId: string;
-  name: string;
-  size: number;
-  file: Blob | null;
-  rough: Rough | null;
-  once: string;
-  location: string | null;
-  scanId: string | null;
-}
+import { keep, type Parcel } from "./parcels";
 
 const PIECE_BYTES = 2 * 1024 * 1024;
+const PIECE_TIME_MS = 90_000;
 const PAUSE_MS = 1500;
 const TUS = { "Tus-Resumable": "1.0.0" };
-const [DATABASE, STORE, ONLY] = ["groundplan-tablet", "parcels", "parcel"];
-
-function opened(): Promise<IDBDatabase> {
-  return new Promise((resolve, reject) => {
-    const request = indexedDB.open(DATABASE, 1);
-    request.onupgradeneeded = () => request.result.createObjectStore(STORE);
-    request.onsuccess = () => resolve(request.result);
-    request.onerror = () => reject(request.error ?? new Error("IndexedDB"));
-  });
-}
-
-async function withStore<T>(mode: IDBTransactionMode, act: (store: IDBObjectStore) => IDBRequest<T>): Promise<T> {
-  const database = await opened();
-  try {
-    return await new Promise<T>((resolve, reject) => {
-      const transaction = database.transaction(STORE, mode);
-      const request = act(transaction.objectStore(STORE));
-      transaction.oncomplete = () => resolve(request.result);
-      transaction.onabort = () => reject(transaction.error ?? new Error("IndexedDB"));
-    });
-  } finally {
-    database.close();
-  }
-}
-
-export const kept = (): Promise<Parcel | undefined> => withStore("readonly", (store) => store.get(ONLY) as IDBRequest<Parcel | undefined>);
-export const keep = (parcel: Parcel): Promise<unknown> => withStore("readwrite", (store) => store.put(parcel, ONLY));
-export const forget = (): Promise<unknown> => withStore("readwrite", (store) => store.delete(ONLY));
-
-export const newParcel = (mapId: string, file: File, rough: Rough | null): Parcel => ({
-  mapId, name: file.name, size: file.size, file, rough, once: onceKey(), location: null, scanId: null,
-});
 
 export interface Watch {
+  began: () => void;
   sent: (bytes: number) => void;
   waiting: (isWaiting: boolean) => void;
 }
@@ -86,16 +39,17 @@ async function sendPieces(parcel: Parcel, watch: Watch, signal: AbortSignal): Pr
     if (result) return result.split("/").pop()!;
     const body = parcel.file!.slice(offset, offset + PIECE_BYTES);
     const headers = { ...TUS, "Upload-Offset": String(offset), "Content-Type": "application/offset+octet-stream" };
-    answer = await send("PATCH", place, { headers, body, signal });
+    // A tablet out of reach may never be told that its connection is gone; what came of the piece counts.
+    answer = await send("PATCH", place, { headers, body, signal: AbortSignal.any([signal, AbortSignal.timeout(PIECE_TIME_MS)]) });
   }
 }
 
 const isGone = (cause: unknown) => cause instanceof Refused && [404, 410].includes(cause.status);
 const isPassing = (cause: unknown) => !(cause instanceof Refused) || [408, 409, 423].includes(cause.status) || cause.status >= 500;
 
-/** Send all that the service has not yet, for as long as it takes or until `signal`; return the id of the scan. */
-export async function deliver(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
+async function deliverNow(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
   let now = parcel;
+  watch.began();
   for (;;) {
     signal.throwIfAborted();
     try {
@@ -111,4 +65,16 @@ export async function deliver(parcel: Parcel, watch: Watch, signal: AbortSignal)
       await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
     }
   }
+}
+
+let before: Promise<unknown> = Promise.resolve();
+
+/**
+ * Send all that the service has not yet, for as long as it takes or until `signal`; return the id of the scan.
+ * Parcels go one after the other, in the order of the calls: a first scan shall not wait for a fifth.
+ */
+export function deliver(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
+  const sent = before.then(() => deliverNow(parcel, watch, signal));
+  before = sent.catch(() => null);
+  return sent;
 }

@@ -53,6 +53,7 @@ const en = {
   "progress.nothing-published": "Nothing published", "progress.never-reported": "Never heard of", "progress.not-begun": "Not begun", "progress.not-enabled": "Loading", "progress.failed": "Failed", "progress.up-to-date": "Up to date",
   "audit.when": "When", "audit.what": "What", "audit.who": "Key", "audit.subject": "On",
   "tablet.title": "Send a scan", "tablet.map": "Which map?", "tablet.file": "Take or choose the scan", "tablet.where": "Roughly where?", "tablet.whereHelp": "Tap where you stood, then tap where you looked. Or leave it out.",
+  "tablet.inLine": "Waits until the one before is sent", "tablet.later": "Decide later, on the map's page", "tablet.noRoom": "The tablet has no room to keep this scan until it is sent. Leave this page open.",
   "tablet.send": "Send", "tablet.leaveOut": "I do not know", "tablet.sending": "Sending", "tablet.waitingForNet": "No connection. It goes on by itself.",
   "tablet.done": "It fits. Take it into the map?", "tablet.look": "Please look: is this right?", "tablet.bad": "It does not fit.", "tablet.confirm": "Yes, take it", "tablet.move": "Move it", "tablet.another": "Send another", "tablet.taken": "The map is being made anew.",
   "tablet.how1": "Start square to a wall.", "tablet.how2": "Take two walls and the floor or the ceiling.", "tablet.how3": "Stand inside the room.", "tablet.back": "Back",

@@ -55,6 +55,7 @@ const ja: Words = {
   "progress.nothing-published": "未公開", "progress.never-reported": "報告なし", "progress.not-begun": "未着手", "progress.not-enabled": "読み込み中", "progress.failed": "失敗", "progress.up-to-date": "最新",
   "audit.when": "日時", "audit.what": "操作", "audit.who": "キー", "audit.subject": "対象",
   "tablet.title": "スキャンを送る", "tablet.map": "どの地図ですか", "tablet.file": "スキャンを撮る・選ぶ", "tablet.where": "おおよその場所は?", "tablet.whereHelp": "立っていた場所をタップし、次に見ていた方向をタップしてください。省くこともできます。",
+  "tablet.inLine": "前のスキャンの送信を待っています", "tablet.later": "あとで地図のページで決める", "tablet.noRoom": "送信が終わるまでこのスキャンを端末に保存する空きがありません。このページを開いたままにしてください。",
   "tablet.send": "送る", "tablet.leaveOut": "わからない", "tablet.sending": "送信中", "tablet.waitingForNet": "接続がありません。つながると自動で続きます。",
   "tablet.done": "合いました。地図に取り込みますか。", "tablet.look": "確認してください。これで正しいですか。", "tablet.bad": "合いませんでした。", "tablet.confirm": "はい、取り込む", "tablet.move": "動かす", "tablet.another": "別のスキャンを送る", "tablet.taken": "地図を作り直しています。",
   "tablet.how1": "壁の正面から始めます。", "tablet.how2": "2つの壁と、床か天井を写します。", "tablet.how3": "部屋の中に立って撮ります。", "tablet.back": "戻る",

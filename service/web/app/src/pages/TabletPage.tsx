@@ -1,21 +1,14 @@
-import { useEffect, useRef, useState } from "preact/hooks";
-import { all, follow, get, post, type Job, type Page, type Placement, type Revision, type Scan, type Schemas, type SiteMap } from "../api/client";
+import { useEffect, useState } from "preact/hooks";
+import { all, get, type Page, type Revision, type SiteMap } from "../api/client";
 import { useLoaded } from "../api/live";
-import { deliver, forget, keep, kept, newParcel, type Parcel, type Rough } from "../api/tus";
-import { bytesText, named, t } from "../i18n";
-import { Chip, Failure, Loading, Progress } from "../ui/parts";
+import { kept, newParcel, type Parcel, type Rough } from "../api/parcels";
+import { t } from "../i18n";
 import { HowTo } from "../ui/HowTo";
-import { loadCloud, type Cloud } from "../view/cloud";
-import { Octree } from "../view/octree";
-import { MiniPlan } from "../view/MiniPlan";
+import { Failure, Loading } from "../ui/parts";
 import { TapPlan, wallsOf, type Walls } from "../view/TapPlan";
+import { SentScan } from "./SentScan";
 
 type Step = "how" | "map" | "file" | "where" | "sending";
-
-interface Sight {
-  map: Cloud;
-  scan: Cloud;
-}
 
 const latestOf = async (mapId: string): Promise<Revision | null> =>
   (await get<Page<Revision>>(`/v1/revisions?map=${mapId}&status=ready&limit=1`)).items[0] ?? null;
@@ -23,101 +16,6 @@ const latestOf = async (mapId: string): Promise<Revision | null> =>
 async function wallsFor(mapId: string): Promise<Walls | null> {
   const latest = await latestOf(mapId);
   return latest && wallsOf(await get(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/walls.geojson`));
-}
-
-/** Place a scan where it is said to be, and everywhere if it does not fit there. */
-async function placed(scan: Scan, watch: (job: Job) => void): Promise<Placement> {
-  const before = await all<Placement>(`/v1/scans/${scan.id}/placements`);
-  const judged = before.sort((a, b) => (a.id < b.id ? 1 : -1)).find((one) => one.verdict);
-  if (judged) return judged;
-  const place = async (body: Record<string, unknown>) => {
-    const asked = await post<Schemas["PlacementWithJob"]>(`/v1/scans/${scan.id}/placements`, body);
-    watch(asked.job);
-    const ended = await follow(asked.job, watch);
-    if (ended.problem) throw new Error(ended.problem.detail);
-    return get<Placement>(`/v1/placements/${asked.placement.id}`);
-  };
-  const first = await place({});
-  return first.verdict === "rejected" && scan.rough_pose ? place({ search: true }) : first;
-}
-
-function Sending({ parcel, again }: { parcel: Parcel; again: () => void }) {
-  const [bytes, setBytes] = useState(0);
-  const [waiting, setWaiting] = useState(false);
-  const [job, setJob] = useState<Job | null>(null);
-  const [placement, setPlacement] = useState<Placement | null>(null);
-  const [sight, setSight] = useState<Sight | null>(null);
-  const [taken, setTaken] = useState<Job | null>(null);
-  const [error, setError] = useState<unknown>(null);
-  const stop = useRef(new AbortController());
-
-  const run = async (signal: AbortSignal) => {
-    const scanId = parcel.scanId ?? (await deliver(parcel, { sent: setBytes, waiting: setWaiting }, signal));
-    signal.throwIfAborted();
-    setBytes(parcel.size);
-    if (!parcel.scanId) await keep({ ...parcel, file: null, scanId });
-    const sent = await get<Scan>(`/v1/scans/${scanId}`);
-    setJob(sent.job);
-    const read = await follow(sent.job, setJob);
-    if (read.problem) throw new Error(read.problem.detail);
-    const scan = await get<Scan>(`/v1/scans/${scanId}`);
-    const found = await placed(scan, setJob);
-    setJob(null);
-    setPlacement(found);
-    const artifacts = `/v1/maps/${scan.map_id}/revisions/${found.revision}/artifacts`;
-    const [{ overview }, points] = await Promise.all([Octree.open(artifacts), loadCloud(scan.files.points!)]);
-    setSight({ map: overview, scan: points });
-  };
-  useEffect(() => {
-    const { signal } = stop.current;
-    run(signal).catch((cause: unknown) => {
-      if (!signal.aborted) setError(cause);
-    });
-    return () => stop.current.abort();
-  }, []);
-
-  const confirm = async () => {
-    try {
-      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed: placement!.verdict !== "accepted" });
-      await forget();
-      setTaken(asked.job);
-      setTaken(await follow(asked.job, setTaken));
-    } catch (cause) {
-      setError(cause);
-    }
-  };
-  const drop = () => {
-    stop.current.abort();
-    void forget().then(again);
-  };
-  const percent = Math.floor((100 * bytes) / Math.max(1, parcel.size));
-  const words = { accepted: t("tablet.done"), "needs-review": t("tablet.look"), rejected: t("tablet.bad") };
-  return (
-    <section class="card">
-      <h2>{parcel.name}</h2>
-      {bytes < parcel.size && (
-        <div class="progress">
-          <progress max={100} value={percent} aria-label={t("tablet.sending")} />
-          <span role="status">{waiting ? t("tablet.waitingForNet") : `${t("tablet.sending")}: ${percent} % · ${bytesText(bytes)} / ${bytesText(parcel.size)}`}</span>
-        </div>
-      )}
-      {job && <div role="status"><strong>{named("kind", job.kind)}</strong><Progress job={job} /></div>}
-      {placement && !taken && (
-        <>
-          <p class="big-words" role="status">{words[placement.verdict!]}</p>
-          <Chip tone={placement.verdict === "accepted" ? "good" : placement.verdict === "rejected" ? "bad" : "busy"}>{named("place", placement.verdict!)}</Chip>
-          {sight && placement.T_map_scan && <div class="sight"><MiniPlan map={sight.map} scan={sight.scan} T={placement.T_map_scan} label={`${t("place.map")}, ${t("place.scan")}`} /></div>}
-          <ul class="reasons">{placement.reasons?.map((reason) => <li key={reason}>{reason}</li>)}</ul>
-          {placement.verdict !== "rejected" && <button class="primary huge" type="button" onClick={() => void confirm()}>{t("tablet.confirm")}</button>}
-          <a class="button huge" href={`/#/maps/${parcel.mapId}/scans/${placement.scan_id}`}>{t("tablet.move")}</a>
-        </>
-      )}
-      {taken && <div role="status"><p class="done">{taken.state === "succeeded" ? `${t("place.made")} ✓` : t("tablet.taken")}</p>{taken.state !== "succeeded" && <Progress job={taken} />}</div>}
-      {taken?.problem && <p class="failure">{taken.problem.detail}</p>}
-      <Failure error={error} />
-      {taken ? <button class="huge" type="button" onClick={again}>{t("tablet.another")}</button> : <button class="huge" type="button" onClick={drop}>{placement ? t("tablet.another") : t("tablet.giveUp")}</button>}
-    </section>
-  );
 }
 
 function Where({ mapId, said }: { mapId: string; said: (rough: Rough | null) => void }) {
@@ -155,32 +53,27 @@ export default function TabletPage() {
   const [step, setStep] = useState<Step>("how");
   const [map, setMap] = useState<SiteMap | null>(null);
   const [file, setFile] = useState<File | null>(null);
-  const [parcel, setParcel] = useState<Parcel | null>(null);
-  const [looked, setLooked] = useState(false);
+  const [parcels, setParcels] = useState<Parcel[] | null>(null);
   useEffect(() => {
     if (isSecureContext && "serviceWorker" in navigator) void navigator.serviceWorker.register("/tablet-worker.js", { scope: "/tablet" });
-    void kept().then((found) => {
-      if (found) {
-        setParcel(found);
-        setStep("sending");
-      }
-      setLooked(true);
-    });
+    const found = (all: Parcel[]) => {
+      setParcels(all);
+      if (all.length) setStep("sending");
+    };
+    kept().then(found, () => found([]));
   }, []);
   const dispatch = async (rough: Rough | null) => {
-    const made = newParcel(map!.id, file!, rough);
-    await keep(made);
-    setParcel(made);
+    const made = await newParcel(map!.id, file!, rough);
+    setParcels((others) => [...others!, made]);
     setStep("sending");
   };
-  const anew = () => {
-    setParcel(null);
-    setFile(null);
-    setStep("map");
+  const putAway = (parcel: Parcel) => {
+    setParcels((all) => all!.filter((one) => one.once !== parcel.once));
+    if (parcels!.length === 1 && step === "sending") setStep("map");
   };
   const titles: Record<Step, string> = { how: t("tablet.title"), map: t("tablet.map"), file: t("tablet.file"), where: t("tablet.where"), sending: t("tablet.title") };
   const before: Partial<Record<Step, Step>> = { map: "how", file: "map", where: "file" };
-  if (!looked) return <main class="tablet"><Loading /></main>;
+  if (!parcels) return <main class="tablet"><Loading /></main>;
   return (
     <main class="tablet">
       <div class="title">
@@ -199,7 +92,8 @@ export default function TabletPage() {
         </label>
       )}
       {step === "where" && <Where mapId={map!.id} said={(rough) => void dispatch(rough)} />}
-      {step === "sending" && parcel && <Sending key={parcel.once} parcel={parcel} again={anew} />}
+      {parcels.map((parcel) => <SentScan key={parcel.once} parcel={parcel} putAway={() => putAway(parcel)} />)}
+      {step === "sending" && <button class="huge" type="button" onClick={() => setStep("map")}>{t("tablet.another")}</button>}
       {!isSecureContext && <p class="quiet">{t("tablet.insecure")}</p>}
     </main>
   );

@@ -1,6 +1,6 @@
 /** The walls of a revision, on which a place and a direction are tapped. */
 import { useRef } from "preact/hooks";
-import type { Rough } from "../api/tus";
+import type { Rough } from "../api/parcels";
 
 type Ring = [number, number][];
 
