@@ -82,6 +82,19 @@ class Sheet:
             self.page.mouse.move(*self.on_page(at), steps=4)
         self.page.mouse.up()
 
+    def go_to(self, at: At) -> None:
+        """Move the sheet with the arrows until a place is in the middle, to a hundredth of the canvas."""
+        box = self.canvas.bounding_box()
+        assert box is not None
+        x, y = self.on_page(at)
+        away = (x - box["x"]) / box["width"] - 0.5, (y - box["y"]) / box["height"] - 0.5
+        for share, (less, more) in zip(away, (("Left", "Right"), ("Up", "Down")), strict=True):
+            tens, ones = divmod(round(abs(share) * 100), 10)
+            arrow = f"Arrow{more if share > 0 else less}"
+            for key in [arrow] * tens + [f"Shift+{arrow}"] * ones:
+                self.page.keyboard.press(key)
+        self.page.wait_for_timeout(150)
+
     def inked(self) -> NDArray[np.bool_]:
         """Return which pixels of the canvas, buttons on it left out, are not bare paper."""
         pixels = np.asarray(Image.open(io.BytesIO(self.canvas.screenshot())).convert("RGB"))
@@ -93,11 +106,11 @@ class Sheet:
         return int((pixels.max(axis=-1) < 90).sum())
 
 
-def box_around(feature: dict[str, Any]) -> list[At]:
+def box_around(feature: dict[str, Any], *, share: float = 0.02) -> list[At]:
     """Return the corners of a box around a wall's faces, a little larger."""
     points = np.array([at for face in feature["properties"]["faces"] for at in face])
     (x0, y0), (x1, y1) = points.min(axis=0), points.max(axis=0)
-    room = 0.02 * max(x1 - x0, y1 - y0)
+    room = share * max(x1 - x0, y1 - y0)
     return [(x0 - room, y0 - room), (x1 + room, y0 - room), (x1 + room, y1 + room), (x0 - room, y1 + room)]
 
 
@@ -126,8 +139,12 @@ def length(feature: dict[str, Any]) -> float:
 
 
 def save(page: Page) -> None:
+    page.get_by_role("button", name="Save and read again").click()
+    until_read(page)
+
+
+def until_read(page: Page) -> None:
     save = page.get_by_role("button", name="Save and read again")
-    save.click()
     expect(save).to_be_disabled()
     expect(page.locator(".progress")).to_have_count(0, timeout=60_000)
     expect(save).to_be_disabled()
@@ -261,6 +278,65 @@ def test_walls_are_erased_kept_and_left_out_by_drawing_around_them(plant: Plant,
         page.get_by_role("button", name="Undo").click()
     save(page)
     watched.clean()
+
+
+def test_a_drawing_is_corrected_with_the_keyboard_alone(plant: Plant, visit: Visit) -> None:
+    here = replace(plant, map_id=steps.make_map(plant.admin, site="Nagoya", name="Hall 7"))
+    drawing = steps.read_drawing(
+        plant.admin, here.map_id, drawing_png(plant.hall), clicked=known_length(plant.hall)
+    )
+    watched = visit(plant.running.address)
+    page = watched.page
+    watched.sign_in(plant.running.admin_key)
+    page.goto(f"{plant.running.address}/#/maps/{here.map_id}/drawings/{drawing['id']}")
+    sheet = Sheet(page)
+    expect(sheet.canvas).to_be_visible()
+    walls = {one["properties"]["id"]: one for one in here.features("walls")}
+    outlined = (one for one in walls.values() if one["properties"].get("faces") and length(one) > 2.0)
+    inner = min(outlined, key=length)
+    choose(page, "button", "Erase walls")
+    choose(page, "application", "Correct the drawing")
+    for _ in range(8):
+        page.keyboard.press("+")
+    corners = box_around(inner, share=0.05)
+    sheet.go_to(corners[2])
+    page.keyboard.press("Enter")
+    page.keyboard.press("Escape")
+    for corner in corners:
+        sheet.go_to(corner)
+        page.keyboard.press("Enter")
+    page.keyboard.press("Enter")
+    choose(page, "button", "Draw a wall")
+    choose(page, "application", "Correct the drawing")
+    wide, high = here.drawing()["reading"]["sheet"]
+    ends = [(wide / 2 - 2.0, high / 2), (wide / 2 + 2.0, high / 2)]
+    for end in ends:
+        sheet.go_to(end)
+        page.keyboard.press("Enter")
+    watched.accessible()
+    choose(page, "button", "Save and read again")
+    until_read(page)
+    now = here.features("walls")
+    gone = set(walls) - {one["properties"]["id"] for one in now}
+    assert inner["properties"]["id"] in gone
+    assert len(gone) < 4, "the walls that it meets are cut, too, no others"
+    drawn = [np.array(one["geometry"]["coordinates"]) for one in now
+             if one["geometry"]["type"] == "LineString" and one["properties"]["id"] not in walls]  # fmt: skip
+    assert any(np.abs(line[[0, -1]] - np.array(ends)).max() < 0.3 for line in drawn if len(line) == 2)
+    watched.clean()
+
+
+def choose(page: Page, role: str, name: str) -> None:
+    """Go to what is named with the tabulator, and press it if it is a button."""
+    here = page.get_by_role(role, name=name)  # type: ignore[arg-type]  # two roles, given as text
+    for _ in range(80):
+        page.keyboard.press("Tab")
+        if here.evaluate("it => it === document.activeElement"):
+            break
+    else:
+        pytest.fail(f"the tabulator does not lead to {name}")
+    if role == "button":
+        page.keyboard.press("Enter")
 
 
 def set_scale_in_feet(page: Page, sheet: Sheet, plant: Plant) -> None:

@@ -58,6 +58,7 @@ const en = {
   "tablet.done": "It fits. Take it into the map?", "tablet.look": "Please look: is this right?", "tablet.bad": "It does not fit.", "tablet.confirm": "Yes, take it", "tablet.move": "Move it", "tablet.another": "Send another", "tablet.taken": "The map is being made anew.",
   "tablet.how1": "Start square to a wall.", "tablet.how2": "Take two walls and the floor or the ceiling.", "tablet.how3": "Stand inside the room.", "tablet.back": "Back",
   "tablet.insecure": "This page can be installed, and opens without a network, only where Groundplan is reached by HTTPS.", "tablet.giveUp": "Stop and forget it", "tablet.start": "Begin",
+  "draw.keys": "With the keyboard: arrows move the sheet, Shift in small steps; Enter clicks in the middle.", "draw.lassoKeys": "With the keyboard: arrows move the sheet, Shift in small steps; Enter sets a corner in the middle, a second time closes; Escape begins anew.",
   "draw.pixels": "The sheet itself",
   "draw.title": "Correct the drawing", "draw.kept": "kept", "draw.pan": "Move", "draw.keep": "Keep as walls", "draw.drop": "Set aside", "draw.scale": "Set the scale", "draw.addWall": "Draw a wall", "draw.erase": "Erase walls", "draw.include": "Only this part", "draw.exclude": "Not this part",
   "draw.panHelp": "Drag to move, pinch or scroll to zoom; arrows, + and - work as well.", "draw.lassoHelp": "Draw around what you mean, with a finger or the mouse. Hidden layers are left alone.", "draw.scaleHelp": "Click two points whose distance you know.", "draw.wallHelp": "Click where the wall begins and where it ends.",

@@ -60,6 +60,7 @@ const ja: Words = {
   "tablet.done": "合いました。地図に取り込みますか。", "tablet.look": "確認してください。これで正しいですか。", "tablet.bad": "合いませんでした。", "tablet.confirm": "はい、取り込む", "tablet.move": "動かす", "tablet.another": "別のスキャンを送る", "tablet.taken": "地図を作り直しています。",
   "tablet.how1": "壁の正面から始めます。", "tablet.how2": "2つの壁と、床か天井を写します。", "tablet.how3": "部屋の中に立って撮ります。", "tablet.back": "戻る",
   "tablet.insecure": "このページをインストールして通信なしで開くには、HTTPSでGroundplanに接続する必要があります。", "tablet.giveUp": "やめて破棄する", "tablet.start": "始める",
+  "draw.keys": "キーボード：矢印キーで図面を移動（Shift で小さく）、Enter で中央をクリック。", "draw.lassoKeys": "キーボード：矢印キーで図面を移動（Shift で小さく）、Enter で中央に角を置き、もう一度で閉じます。Escape でやり直し。",
   "draw.pixels": "元の図面",
   "draw.title": "図面の修正", "draw.kept": "採用", "draw.pan": "移動", "draw.keep": "壁にする", "draw.drop": "除外する", "draw.scale": "縮尺を決める", "draw.addWall": "壁を描く", "draw.erase": "壁を消す", "draw.include": "この部分だけ", "draw.exclude": "この部分以外",
   "draw.panHelp": "ドラッグで移動、ピンチかホイールで拡大します。矢印キーと + - も使えます。", "draw.lassoHelp": "指かマウスで対象を囲んでください。隠した種類には影響しません。", "draw.scaleHelp": "距離のわかる2点をクリックしてください。", "draw.wallHelp": "壁の始点と終点をクリックしてください。",

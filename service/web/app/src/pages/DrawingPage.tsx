@@ -116,10 +116,11 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
   useLayoutEffect(() => view.current?.under(pixels ? tiles : null), [reading, tiles, pixels]);
   useLayoutEffect(() => () => tiles?.leave(), [tiles]);
   useLayoutEffect(() => view.current?.mark([...marksOf(edits, reading), ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : [])]), [reading, edits, clicks]);
-  useLayoutEffect(() => {
-    view.current!.lasso = LASSOS.includes(tool);
+  const restart = () => {
+    view.current!.draws(LASSOS.includes(tool));
     setClicks([]);
-  }, [tool, reading]);
+  };
+  useLayoutEffect(restart, [tool, reading]);
 
   const change = async (said: Schemas["DrawingPatch"]) => {
     setError(null);
@@ -137,10 +138,13 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
     }
   };
   const keyed = (event: KeyboardEvent) => {
-    const step = { ArrowLeft: [0.1, 0, 1], ArrowRight: [-0.1, 0, 1], ArrowUp: [0, 0.1, 1], ArrowDown: [0, -0.1, 1], "+": [0, 0, 1.25], "-": [0, 0, 0.8] }[event.key];
-    if (!step) return;
+    const far = event.shiftKey ? 0.01 : 0.1;
+    const step = { ArrowLeft: [far, 0, 1], ArrowRight: [-far, 0, 1], ArrowUp: [0, far, 1], ArrowDown: [0, -far, 1], "+": [0, 0, 1.25], "-": [0, 0, 0.8] }[event.key];
+    const act = step ? () => view.current?.step(step[0]!, step[1]!, step[2]!) : event.key === "Enter" ? () => view.current?.press() : event.key === "Escape" ? restart : null;
+    if (!act) return;
     event.preventDefault();
-    view.current?.step(step[0]!, step[1]!, step[2]!);
+    if (tool !== "pan") view.current?.aim(true);
+    act();
   };
   useLayoutEffect(() => {
     const redone = (event: KeyboardEvent) => {
@@ -165,7 +169,7 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
           {TOOLS.map((one) => <button key={one} type="button" aria-pressed={tool === one} onClick={() => setTool(one)}>{t(`draw.${one}`)}</button>)}
         </div>
         <div class="stage">
-          <canvas ref={canvas} class={`sheet ${tool === "pan" ? "" : "crossed"}`} tabIndex={0} role="img" aria-label={t("draw.title")} onKeyDown={keyed} />
+          <canvas ref={canvas} class={`sheet ${tool === "pan" ? "" : "crossed"}`} tabIndex={0} role="application" aria-label={t("draw.title")} onKeyDown={keyed} onBlur={() => view.current?.aim(false)} />
           <div class="choices over">
             <button type="button" aria-label={t("draw.nearer")} onClick={() => view.current?.step(0, 0, 1.4)}>+</button>
             <button type="button" aria-label={t("draw.farther")} onClick={() => view.current?.step(0, 0, 1 / 1.4)}>−</button>
@@ -173,6 +177,7 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
             {tiles && <button type="button" aria-pressed={pixels} onClick={() => setPixels(!pixels)}>{t("draw.pixels")}</button>}
           </div>
         </div>
+        {tool !== "pan" && <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoKeys") : t("draw.keys")}</p>}
         <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoHelp") : tool === "scale" ? t("draw.scaleHelp") : tool === "addWall" ? t("draw.wallHelp") : t("draw.panHelp")}</p>
       </div>
       <aside class="stack">

@@ -45,11 +45,12 @@ export class SheetView {
   private tiles: SheetTiles | null = null;
   private fitted = false;
   private freehand: Point[] | null = null;
+  /** What keys have drawn so far; null while nobody draws with keys. */
+  private corners: Point[] | null = null;
   private moved = 0;
   private asked = 0;
   private rest: ReturnType<typeof setTimeout> | undefined;
-  /** Whether one finger draws a lasso; otherwise it pans. */
-  lasso = false;
+  private lasso = false;
 
   constructor(private readonly canvas: HTMLCanvasElement, private readonly sheet: Point, private readonly listener: Listener) {
     this.view = { x: sheet[0] / 2, y: sheet[1] / 2, zoom: 1 };
@@ -101,6 +102,35 @@ export class SheetView {
   step(dx: number, dy: number, zoom: number): void {
     const box = this.canvas.getBoundingClientRect();
     this.pan(dx * box.width, dy * box.height, zoom, box.left + box.width / 2, box.top + box.height / 2);
+  }
+
+  /** Whether one finger draws a lasso; otherwise it pans. */
+  draws(lasso: boolean): void {
+    [this.lasso, this.corners] = [lasso, null];
+    this.paint();
+  }
+
+  /** Draw with keys: cross-hairs in the middle say where. */
+  aim(isOn: boolean): void {
+    this.corners = isOn ? (this.corners ?? []) : null;
+    this.paint();
+  }
+
+  /** Set a corner in the middle, as a tap there; a lasso closes with a second one at the same place. */
+  press(): void {
+    const at: Point = [this.view.x, this.view.y];
+    const last = this.corners?.at(-1);
+    if (!this.lasso) this.listener.tapped(at);
+    else if (last && last[0] === at[0] && last[1] === at[1]) this.closeCorners();
+    else this.corners = [...(this.corners ?? []), at];
+    this.paint();
+  }
+
+  private closeCorners(): void {
+    const ring = this.corners!;
+    if (ring.length < 3) return;
+    this.corners = [];
+    this.listener.drawn(ring);
   }
 
   private resize(): void {
@@ -220,12 +250,21 @@ export class SheetView {
       pen.setTransform(zoom, 0, 0, -zoom, width / 2 - this.view.x * zoom, height / 2 + this.view.y * zoom);
       for (const mark of this.marks) this.outline(pen, mark, zoom);
       if (this.freehand) this.outline(pen, { ring: this.freehand, closed: true, colour: "#0b5cad" }, zoom);
+      if (this.corners) this.crossHairs(pen, this.corners, zoom);
       this.canvas.dataset.drawn = String(this.strokes.length);
       this.canvas.dataset.tiles = this.tiles ? String(this.tiles.held) : "none";
       this.canvas.dataset.settled = String(this.tiles?.settled ?? true);
       this.canvas.dataset.view = [this.view.x, this.view.y, this.view.zoom].join(" ");
     });
   };
+
+  private crossHairs(pen: CanvasRenderingContext2D, corners: readonly Point[], zoom: number): void {
+    const { x, y } = this.view;
+    const arm = 24 / zoom;
+    this.outline(pen, { ring: [...corners, [x, y]], closed: false, colour: "#0b5cad" }, zoom);
+    this.outline(pen, { ring: [[x - arm, y], [x + arm, y]], closed: false, colour: "#d4006a" }, zoom);
+    this.outline(pen, { ring: [[x, y - arm], [x, y + arm]], closed: false, colour: "#d4006a" }, zoom);
+  }
 
   private outline(pen: CanvasRenderingContext2D, { ring, closed, colour }: Mark, zoom: number): void {
     pen.beginPath();
