@@ -35,7 +35,7 @@ from worker.geometry.registration.ndt_map import build_ndt_map
 SCANS = Path(__file__).resolve().parents[4] / "shared" / "data" / "scans"
 TUTORIAL = (SCANS / "room_scan2.pcd", SCANS / "room_scan1.pcd", "1.79387,0.720047,0,39.71")
 RESOLUTION, EPSILON, REPEATS = 1.0, 1e-6, 7
-SOURCE_STEPS = (0.2, 0.05)
+SOURCE_STEPS = (0.4, 0.05)
 HALLS, HALL_POINTS = 25, 200_000
 
 

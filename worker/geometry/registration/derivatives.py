@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from worker.geometry.registration.cells import find_row
 from worker.geometry.registration.ndt_map import NdtMap
 
-_CHUNK = 256
+_CHUNK = 32
 _UPPER = np.triu_indices(6)
 _AS_THEY_ARE = np.eye(4)
 _WORTH_THREADS = 2_000

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-import math
-
 import numpy as np
+from numba import njit
 from numpy.typing import NDArray
 
 _NEWTON_STEPS, _LONGER = 50, 1e-9
 
 
+@njit(cache=True)
 def trust_region_step(
     gradient: NDArray[np.float64], hessian: NDArray[np.float64], radius: float
 ) -> tuple[NDArray[np.float64], float]:
@@ -35,15 +35,19 @@ def trust_region_step(
     positive definite and the step fits. In the so-called hard case the step is merely shorter.
     """
     values, vectors = np.linalg.eigh(-hessian)
-    g = vectors.T @ gradient
-    floor = max(1e-9 * float(np.abs(values).max()), 1e-12)
-    damping = _damping(values.tolist(), (g**2).tolist(), radius, least=max(0.0, floor - float(values[0])))
-    step = vectors @ (g / (values + damping))
-    step *= min(1.0, radius / max(float(np.sqrt(step @ step)), 1e-300))
-    return step, max(float(gradient @ step + 0.5 * step @ hessian @ step), 0.0)
+    g = np.sum(vectors * gradient.reshape(-1, 1), axis=0)
+    floor = max(1e-9 * np.abs(values).max(), 1e-12)
+    damping = _damping(values, g**2, radius, max(0.0, floor - values[0]))
+    step = np.sum(vectors * (g / (values + damping)), axis=1)
+    step *= min(1.0, radius / max(np.sqrt(np.sum(step**2)), 1e-300))
+    bent = np.sum(hessian * step.reshape(-1, 1) * step)
+    return step, max(np.sum(gradient * step) + 0.5 * bent, 0.0)
 
 
-def _damping(values: list[float], squares: list[float], radius: float, *, least: float) -> float:
+@njit(cache=True)
+def _damping(
+    values: NDArray[np.float64], squares: NDArray[np.float64], radius: float, least: float
+) -> float:
     """Return the damping at which the step is as long as the radius, or the least if it is shorter there.
 
     Newton's method on 1 / length, which is nearly straight in the damping: from too long a step it never
@@ -51,10 +55,9 @@ def _damping(values: list[float], squares: list[float], radius: float, *, least:
     """
     damping = least
     for _ in range(_NEWTON_STEPS):
-        square = sum(g / (v + damping) ** 2 for v, g in zip(values, squares, strict=True))
-        length = math.sqrt(square)
+        square = np.sum(squares / (values + damping) ** 2)
+        length = np.sqrt(square)
         if length <= radius * (1.0 + _LONGER):
             break
-        slope = sum(g / (v + damping) ** 3 for v, g in zip(values, squares, strict=True))
-        damping += (length / radius - 1.0) * square / slope
+        damping += (length / radius - 1.0) * square / np.sum(squares / (values + damping) ** 3)
     return damping
