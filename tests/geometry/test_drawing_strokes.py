@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 
 import cv2
 import numpy as np
@@ -11,6 +12,7 @@ from numpy.typing import NDArray
 from skimage.morphology import skeletonize
 
 from worker.geometry.drawing.raster.ink import Ink
+from worker.geometry.drawing.raster.squeeze import Squeezed
 from worker.geometry.drawing.raster.strokes import Strokes, find_strokes
 from worker.geometry.drawing.raster.thinning import branches, thin
 
@@ -111,6 +113,31 @@ def test_strokes_are_numbered_by_their_connected_part() -> None:
     assert set(strokes.part.tolist()) == {1, 2}
     assert sorted(strokes.part[long].tolist()) == [1, 2]
     assert strokes.weight[long] == pytest.approx([200 * 3] * 2, rel=0.05)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_squeezing_changes_no_stroke(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    mask = np.zeros((900, 1200), dtype=np.bool_)
+    for _ in range(12):
+        row, column = (int(rng.integers(0, most)) for most in (840, 1130))
+        kind = blobs(seed, smooth=3.0)[: rng.integers(5, 60), : rng.integers(5, 60)]
+        mask[row : row + kind.shape[0], column : column + kind.shape[1]] |= kind
+    ink = as_ink(mask)
+    whole = find_strokes(ink, mask)
+    squeezed = Squeezed.of(mask)
+    assert squeezed.mask.sum() == mask.sum()
+    assert squeezed.mask.size < 0.7 * mask.size
+    small = find_strokes(replace(ink, contrast=squeezed.taken(ink.contrast)), squeezed.mask)
+    back = squeezed.in_whole(small.ends)
+    one, two = (np.unique(np.round(ends.reshape(-1, 4), 6), axis=0) for ends in (back, whole.ends))
+    assert np.array_equal(one, two)
+    for measure in ("width", "weight"):
+        assert np.allclose(*(np.sort(getattr(found, measure)) for found in (small, whole)))
+
+
+def test_nothing_is_squeezed_to_a_pixel() -> None:
+    assert Squeezed.of(np.zeros((50, 60), dtype=np.bool_)).mask.shape == (1, 1)
 
 
 def test_no_ink_is_no_stroke() -> None:

@@ -45,9 +45,7 @@ def trust_region_step(
 
 
 @njit(cache=True)
-def _damping(
-    values: NDArray[np.float64], squares: NDArray[np.float64], radius: float, least: float
-) -> float:
+def _damping(values: NDArray[np.float64], squares: NDArray[np.float64], radius: float, least: float) -> float:
     """Return the damping at which the step is as long as the radius, or the least if it is shorter there.
 
     Newton's method on 1 / length, which is nearly straight in the damping: from too long a step it never

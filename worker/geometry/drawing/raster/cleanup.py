@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from worker.geometry.drawing.raster.parts import Parts
+from worker.geometry.drawing.raster.squeeze import Squeezed
 from worker.geometry.drawing.raster.strokes import Strokes
 
 SPECK, TEXT, SYMBOL = 0.12, 0.7, 2.4
@@ -127,14 +128,17 @@ def _dots(
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return middles (D, 2), radii and parts of the round solid spots at least so wide [working px]."""
     kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (least, least))
-    solid = cv2.morphologyEx((parts.labels > 0).astype(np.uint8), cv2.MORPH_OPEN, kernel)
-    _, _labels, stats, centres = cv2.connectedComponentsWithStats(solid, connectivity=8)
+    solid = cv2.morphologyEx((parts.labels > 0).view(np.uint8), cv2.MORPH_OPEN, kernel)
+    squeezed = Squeezed.of(np.asarray(solid, dtype=np.bool_))
+    _, _labels, stats, centres = cv2.connectedComponentsWithStats(
+        squeezed.mask.view(np.uint8), connectivity=8
+    )
     wide, high = stats[:, cv2.CC_STAT_WIDTH], stats[:, cv2.CC_STAT_HEIGHT]
     across = (wide + high) / 2.0
     full = stats[:, cv2.CC_STAT_AREA] / np.maximum(np.pi / 4 * across**2, 1.0)
     round_ = (np.abs(wide - high) <= np.maximum(3, 0.35 * across)) & (full >= 0.6) & (full <= 1.2)
     round_ &= (across * metres_per_px <= _DOT_WIDEST) & (across >= np.maximum(4, _DOT_LEAST / metres_per_px))
     round_[0] = False
-    middle = centres[round_]
+    middle = squeezed.in_whole(centres[round_])
     at = np.rint(middle).astype(int)
     return middle, across[round_] / 2, parts.labels[at[:, 1], at[:, 0]].astype(np.int64)

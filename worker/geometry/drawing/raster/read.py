@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -178,7 +179,10 @@ def _line_walls(sorting: _Sorting, thick: NDArray[np.bool_]) -> tuple[list[Wall]
     candidates = sorting.candidates & ~_mostly_in(strokes, thick)
     pairs = find_pairs(strokes, m, among=candidates)
     outlined, used = outlined_walls(ink, strokes, pairs, candidates)
-    face = np.array([cells.mean() for cells in used]) > _MOSTLY_FACE
+    count = np.array([len(cells) for cells in used])
+    face = (
+        np.add.reduceat(np.concatenate(used), np.cumsum(count) - count, dtype=np.int64) / count > _MOSTLY_FACE
+    )
     if strokes.length[face & candidates].sum() < _FEW_FACES * strokes.length[candidates].sum():
         outlined, used, face = [], [np.zeros_like(cells) for cells in used], np.zeros_like(face)
     own_pen = pens.like_most(strokes, face)
@@ -227,10 +231,11 @@ def _removed(ink: Ink, strokes: Strokes, layer: NDArray[np.str_]) -> list[Remove
         return []
     speck = layer[order] == "speck"
     change = (layer[order][1:] != layer[order][:-1]) | ~speck[1:] & (np.diff(strokes.part[order]) != 0)
-    for group in np.split(order, np.flatnonzero(change) + 1):
-        name = str(layer[group[0]])
-        lines = tuple(ink.to_drawing(strokes.ends[i]) for i in group)
-        out.append(RemovedStroke(lines, _LAYERS.get(name, name), _REASONS[name]))
+    ends = ink.to_drawing(strokes.ends[order].reshape(-1, 2)).reshape(-1, 2, 2)
+    bounds = [0, *(np.flatnonzero(change) + 1).tolist(), len(order)]
+    for first, last in pairwise(bounds):
+        name = str(layer[order[first]])
+        out.append(RemovedStroke(tuple(ends[first:last]), _LAYERS.get(name, name), _REASONS[name]))
     return out
 
 

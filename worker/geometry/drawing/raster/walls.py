@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.ink import Ink
 from worker.geometry.drawing.raster.pairs import Pairs
+from worker.geometry.drawing.raster.squeeze import Squeezed
 from worker.geometry.drawing.raster.strokes import Strokes, find_strokes
 from worker.geometry.drawing.reading.reading import Column, Wall
 
@@ -46,8 +49,10 @@ def filled_walls(
     blots.
     """
     m = ink.metres_per_px
-    columns, piers = _piers(ink, thick, min(least_pier, _PIER_SURE))
-    strokes = find_strokes(ink, thick)
+    squeezed = Squeezed.of(thick)
+    columns, piers = _piers(ink, squeezed, min(least_pier, _PIER_SURE))
+    strokes = find_strokes(replace(ink, contrast=squeezed.taken(ink.contrast)), squeezed.mask)
+    strokes = replace(strokes, ends=squeezed.in_whole(strokes.ends))
     width, length = strokes.width * m, strokes.length * m
     keep = (length >= np.maximum(1.0 * width, 0.1)) & ~np.isin(strokes.part, piers)
     reach = np.zeros(int(strokes.part.max(initial=0)) + 1)
@@ -62,9 +67,9 @@ def filled_walls(
     return walls, columns, [ink.to_drawing(strokes.ends[i]) for i in np.flatnonzero(~known)]
 
 
-def _piers(ink: Ink, thick: NDArray[np.bool_], least: float) -> tuple[list[Column], list[int]]:
+def _piers(ink: Ink, thick: Squeezed, least: float) -> tuple[list[Column], list[int]]:
     """Return the solid parts about as long as wide as columns, and their numbers."""
-    count, labels, stats, _ = cv2.connectedComponentsWithStats(thick.astype(np.uint8), connectivity=8)
+    count, labels, stats, _ = cv2.connectedComponentsWithStats(thick.mask.astype(np.uint8), connectivity=8)
     m = ink.metres_per_px
     out: list[Column] = []
     piers: list[int] = []
@@ -79,7 +84,7 @@ def _piers(ink: Ink, thick: NDArray[np.bool_], least: float) -> tuple[list[Colum
         )
         outline = cv2.approxPolyDP(contours[0], 1.5, closed=True).reshape(-1, 2)
         if len(outline) >= 3:
-            out.append(Column(ink.to_drawing(outline.astype(np.float64))))
+            out.append(Column(ink.to_drawing(thick.in_whole(outline.astype(np.float64)))))
             piers.append(part)
     return out, piers
 
