@@ -65,6 +65,9 @@ class AcceptancePolicy:
         The margin for a runner-up that nothing is seen through walls at.
     contradiction_weight, closed_contradiction_weight : float
         What a share of points behind walls takes off an explained share, where poses are compared.
+    largest_slide_gain : float
+        Where a lone wall holds the scan in a direction, more than this of the rest of the scan won by sliding
+        along it speaks against that wall.
     least_agreement : float
         Least share of the starts that end at the pose.
     largest_move_m, largest_turn_rad, largest_tilt_rad : float
@@ -96,6 +99,7 @@ class AcceptancePolicy:
     free_rival_margin: float = 0.2
     contradiction_weight: float = 2.0
     closed_contradiction_weight: float = 10.0
+    largest_slide_gain: float = 0.01
     least_agreement: float = 0.4
     largest_move_m: float = 3.5
     largest_turn_rad: float = math.radians(50.0)
@@ -118,7 +122,8 @@ def judge(evidence: PlacementEvidence, policy: AcceptancePolicy | None = None) -
     """Return the verdict on a placement and the reasons for it.
 
     ``accepted`` is given only when nothing speaks against the pose. It is still no proof: a map that is
-    wrong in the same way as the scan is not noticed.
+    wrong in the same way as the scan is not noticed, nor is a wall drawn elsewhere where no other one checks
+    it, as the end wall of three; the reasons say where that is so.
 
     Parameters
     ----------
@@ -141,8 +146,20 @@ def judge(evidence: PlacementEvidence, policy: AcceptancePolicy | None = None) -
             f"{share:.0%} of the scanned structure lies on the map, {median:.3f} m off in the median.",
             f"{evidence.upright_surfaces} distinct upright surfaces hold the pose in every direction.",
             _alone(evidence),
+            *_unchecked(evidence),
         ),
     )
+
+
+def _unchecked(e: PlacementEvidence) -> list[str]:
+    """Return where an accepted pose rests on a wall that hardly anything checks."""
+    if e.slide_gain is None:
+        return []
+    told = (
+        "In one direction no two walls face each other in the scan: if the only wall there stands elsewhere "
+        "than drawn, so does the scan, and only doors and ends of other walls could tell."
+    )
+    return [told]
 
 
 def _closed(e: PlacementEvidence, policy: AcceptancePolicy) -> bool:
@@ -273,6 +290,12 @@ def _uniqueness_doubts(e: PlacementEvidence, policy: AcceptancePolicy) -> list[s
             "The walls seen hold the position from too few sides: "
             "if they stand 3 cm from where the map has them, "
             f"it is {e.position_sensitivity_m * 100:.1f} cm off. Scan more of the room."
+        )
+    if e.slide_gain is not None and e.slide_gain > policy.largest_slide_gain:
+        doubts.append(
+            f"In one direction a single wall holds the scan. Without it, {e.slide_gain:.0%} more of the scan "
+            f"would lie on the map {abs(e.slide_m or 0.0):.2f} m farther: the wall may stand elsewhere than "
+            "drawn."
         )
     if _rivalled(e, policy):
         doubts.append(

@@ -25,6 +25,7 @@ GOOD = PlacementEvidence(
     closed_directions=1,
     undrawn_wall_share=0.05,
     explained_share_at_top=0.9,
+    slide_gain=None, slide_m=None,
     poses_compared=0, starts=7, starts_agreeing=7, runner_up_distance_m=None, runner_up_turn_rad=None,
     runner_up_inlier_share=None, runner_up_contradicted_share=None,
     mirrored_inlier_share=None, mirrored_contradicted_share=None,
@@ -46,6 +47,7 @@ DOUBTS: list[tuple[dict[str, Any], str]] = [
     ({"position_sensitivity_m": math.inf}, "too few sides"),
     ({"runner_up_inlier_share": 0.9, "runner_up_distance_m": 3.0, "runner_up_turn_rad": 3.1}, "Another pose"),
     ({"mirrored_inlier_share": 0.97, "mirrored_contradicted_share": 0.0}, "mirror image"),
+    ({"slide_gain": 0.03, "slide_m": -0.3}, "0.30 m farther"),
     ({"starts_agreeing": 1}, "1 of 7 starts"),
     ({"moved_m": 8.0}, "from the rough pose"),
     ({"turned_rad": 1.5}, "from the rough pose"),
@@ -56,6 +58,9 @@ def test_nothing_against_it_is_accepted_with_reasons() -> None:
     judgement = judge(GOOD)
     assert judgement.verdict == "accepted"
     assert len(judgement.reasons) == 3
+    lone = judge(replace(GOOD, slide_gain=-0.02, slide_m=0.15))
+    assert lone.verdict == "accepted"
+    assert "so does the scan" in lone.reasons[-1]
 
 
 @pytest.mark.parametrize(("change", "words"), DOUBTS)

@@ -17,13 +17,13 @@ from worker.geometry.registration.fitness import (
     nearest_voxel_transformation_likelihood,
     transformation_probability,
 )
+from worker.geometry.registration.lone_wall import Slide, rather_elsewhere
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
 from worker.geometry.registration.problem import MARGIN, Problem
 from worker.geometry.registration.starts import End, apart_at
 from worker.geometry.registration.undrawn import explained_share_at_top, undrawn_wall_share
 
 _SEEN_THROUGH, _GIVE = 2.0, 0.15
-_GLIMPSE = 0.02
 
 
 @dataclass(frozen=True, eq=False)
@@ -73,6 +73,7 @@ def gather_evidence(
     runner_up = max(found[1:], key=lambda f: f.score, default=None)
     beside = None if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
     image = (None, None) if mirrored is None else (mirrored.fit.structure_share, mirrored.contradicted)
+    slide = _slide(problem, best.fit, pose)
     moved_by, turned_by = (0.0, 0.0) if initial is None else _moved(pose, initial, middle)
     return PlacementEvidence(
         map_kind=problem.target.kind,
@@ -102,6 +103,8 @@ def gather_evidence(
         closed_directions=_closed(best.fit) if faces else 0,
         undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
         explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
+        slide_gain=slide.gain if slide is not None else None,
+        slide_m=slide.metres if slide is not None else None,
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
@@ -161,8 +164,13 @@ def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
 
 def _closed(fit: measure.Fit) -> int:
     """Return in how many directions the tablet stood between two walls of the map that it saw."""
-    planes = measure.upright_planes(fit, fit.upright, sided=True, least_share=_GLIMPSE)
+    planes = measure.upright_planes(fit, fit.upright, sided=True, least_share=measure.GLIMPSE)
     return measure.closed_directions(planes)
+
+
+def _slide(problem: Problem, fit: measure.Fit, pose: Transform) -> Slide | None:
+    faces = problem.target.faces
+    return None if faces is None else rather_elsewhere(fit, _turned(problem, pose), faces)
 
 
 def _below_the_walls_tops(problem: Problem, fit: measure.Fit) -> NDArray[np.float64]:

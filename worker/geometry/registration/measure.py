@@ -12,12 +12,15 @@ from worker.geometry.registration.surfaces import Surfaces
 
 INLIER_DISTANCE = 0.1
 REACH = 0.3
-_UPRIGHT = 0.3
+UPRIGHT = 0.3
+"""Normals whose z is less than this belong to walls."""
 _LEAST_STRUCTURE = 100
 _SHELVES = 2.2
 _WEAK = 0.02
 _ALIGNED = np.cos(np.deg2rad(15.0))
 _SAME_PLANE = 0.15
+GLIMPSE = 0.02
+"""Share of the upright inliers that tells that a wall was seen at all."""
 _LEAST_PLANE_SHARE = 0.04
 _LEAST_PLANE_POINTS = 25
 _DRAWN_SHIFT = 0.03
@@ -83,7 +86,7 @@ def measure_fit(
     """
     placed, turned = pose.apply(points), normals @ pose.rotation.T
     distance, plane, found = surfaces.match(placed, turned, reach=REACH)
-    upright = (np.abs(turned[:, 2]) < _UPRIGHT) & (np.linalg.norm(turned, axis=1) > 0.5)
+    upright = (np.abs(turned[:, 2]) < UPRIGHT) & (np.linalg.norm(turned, axis=1) > 0.5)
     structure = upright if structure_from is None else _above(placed[:, 2], upright, structure_from)
     return Fit(placed, distance, plane, found & (np.abs(distance) < INLIER_DISTANCE), upright, structure)
 
@@ -220,7 +223,7 @@ def upright_planes(
     Greedy: the most populated of 24 headings times 0.1 m offsets, with the points around it, is counted and
     taken away, until what is left is less than a plane.
     """
-    upright = fit.inlier & among & (np.abs(fit.plane[:, 2]) < _UPRIGHT)
+    upright = fit.inlier & among & (np.abs(fit.plane[:, 2]) < UPRIGHT)
     p, n = fit.placed[upright, :2], fit.plane[upright, :2]
     p = p - p.mean(axis=0) if len(p) else p
     n = n / np.maximum(np.linalg.norm(n, axis=1, keepdims=True), 1e-9)
@@ -256,9 +259,27 @@ def closed_directions(planes: NDArray[np.float64]) -> int:
     planes : ndarray of shape (K, 3), float64
         Of `upright_planes`, sided.
     """
-    n, c = planes[:, :2], planes[:, 2]
-    opposite = (n @ n.T < -_ALIGNED) & (c[:, None] + c[None] < 0)
-    headings = n[opposite.any(axis=1)]
+    headings = planes[_faced(planes), :2]
     if not len(headings):
         return 0
     return 2 if (np.abs(headings @ headings[0]) < np.sqrt(0.5)).any() else 1
+
+
+def open_directions(planes: NDArray[np.float64]) -> NDArray[np.float64]:
+    """Return the normals (M, 2) of planes that, like all others along them, face no other.
+
+    Parameters
+    ----------
+    planes : ndarray of shape (K, 3), float64
+        Of `upright_planes`, sided.
+    """
+    normals, faced = planes[:, :2], _faced(planes)
+    along = np.abs(normals @ normals.T) > _ALIGNED
+    return np.asarray(normals[~(along & faced[None]).any(axis=1)], dtype=np.float64)
+
+
+def _faced(planes: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return which of the planes (K, 3) face another one."""
+    n, c = planes[:, :2], planes[:, 2]
+    opposite = (n @ n.T < -_ALIGNED) & (c[:, None] + c[None] < 0)
+    return np.asarray(opposite.any(axis=1), dtype=np.bool_)
