@@ -21,7 +21,7 @@ from demo.client import Client
 from demo.hall import Hall, synthetic_hall
 from demo.running import Running, groundplan_up
 from demo.sheet import drawing_png, known_length
-from tests.browser.conftest import Visit
+from tests.browser.conftest import Visit, Watched
 
 SEED = 5
 At = tuple[float, float]
@@ -150,6 +150,18 @@ def until_read(page: Page) -> None:
     expect(save).to_be_disabled()
 
 
+def opened(plant: Plant, visit: Visit, name: str) -> tuple[Plant, Watched]:
+    """Return a new map with the drawing, its scale given, and the page that corrects it."""
+    here = replace(plant, map_id=steps.make_map(plant.admin, site="Nagoya", name=name))
+    sheet, clicked = drawing_png(plant.hall), known_length(plant.hall)
+    drawing = steps.read_drawing(plant.admin, here.map_id, sheet, clicked=clicked)
+    watched = visit(plant.running.address)
+    watched.sign_in(plant.running.admin_key)
+    watched.page.goto(f"{plant.running.address}/#/maps/{here.map_id}/drawings/{drawing['id']}")
+    expect(Sheet(watched.page).canvas).to_be_visible()
+    return here, watched
+
+
 def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     plant: Plant, visit: Visit, pictures: Path
 ) -> None:
@@ -225,15 +237,8 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
 
 
 def test_walls_are_erased_kept_and_left_out_by_drawing_around_them(plant: Plant, visit: Visit) -> None:
-    here = replace(plant, map_id=steps.make_map(plant.admin, site="Nagoya", name="Hall 6"))
-    clicked = known_length(plant.hall)
-    drawing = steps.read_drawing(plant.admin, here.map_id, drawing_png(plant.hall), clicked=clicked)
-    watched = visit(plant.running.address)
-    page = watched.page
-    watched.sign_in(plant.running.admin_key)
-    page.goto(f"{plant.running.address}/#/maps/{here.map_id}/drawings/{drawing['id']}")
-    sheet = Sheet(page)
-    expect(sheet.canvas).to_be_visible()
+    here, watched = opened(plant, visit, "Hall 6")
+    page, sheet = watched.page, Sheet(watched.page)
     page.get_by_role("button", name="Light or dark").click()
     watched.accessible()
     set_scale_in_feet(page, sheet, here)
@@ -281,16 +286,8 @@ def test_walls_are_erased_kept_and_left_out_by_drawing_around_them(plant: Plant,
 
 
 def test_a_drawing_is_corrected_with_the_keyboard_alone(plant: Plant, visit: Visit) -> None:
-    here = replace(plant, map_id=steps.make_map(plant.admin, site="Nagoya", name="Hall 7"))
-    drawing = steps.read_drawing(
-        plant.admin, here.map_id, drawing_png(plant.hall), clicked=known_length(plant.hall)
-    )
-    watched = visit(plant.running.address)
-    page = watched.page
-    watched.sign_in(plant.running.admin_key)
-    page.goto(f"{plant.running.address}/#/maps/{here.map_id}/drawings/{drawing['id']}")
-    sheet = Sheet(page)
-    expect(sheet.canvas).to_be_visible()
+    here, watched = opened(plant, visit, "Hall 7")
+    page, sheet = watched.page, Sheet(watched.page)
     walls = {one["properties"]["id"]: one for one in here.features("walls")}
     outlined = (one for one in walls.values() if one["properties"].get("faces") and length(one) > 2.0)
     inner = min(outlined, key=length)

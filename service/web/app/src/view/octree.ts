@@ -4,7 +4,7 @@ import { loadCloud, type Cloud } from "./cloud";
 
 const RECORD_BYTES = 8;
 const STEPS = 65_535;
-const OVERVIEW_POINTS = 20_000;
+const OVERVIEW_POINTS = 60_000;
 
 interface Told {
   points: number;
@@ -62,6 +62,17 @@ function tree({ low_m, edge_m, nodes }: Told): { root: OctreeNode; inOrder: Octr
   return { root, inOrder };
 }
 
+/** The nodes of whole levels, as many as an overview may have points; the first level at least. */
+function coarsest(depths: readonly number[], inOrder: readonly OctreeNode[]): OctreeNode[] {
+  let [points, whole] = [0, 0];
+  for (let k = 0; k < inOrder.length; k++) {
+    points += inOrder[k]!.count;
+    if (points > OVERVIEW_POINTS && whole > 0) break;
+    if (depths[k + 1] !== depths[k]) whole = k + 1;
+  }
+  return inOrder.slice(0, whole);
+}
+
 export class Octree {
   private constructor(private readonly path: string, readonly root: OctreeNode) {}
 
@@ -76,13 +87,8 @@ export class Octree {
     }
     const { root, inOrder } = tree(told);
     const octree = new Octree(`${artifacts}/octree.bin`, root);
-    const first: OctreeNode[] = [];
-    let points = 0;
-    for (const node of inOrder) {
-      if (points + node.count > OVERVIEW_POINTS && first.length > 0) break;
-      first.push(node);
-      points += node.count;
-    }
+    const first = coarsest(told.nodes.map(([depth]) => depth), inOrder);
+    const points = first.reduce((sum, node) => sum + node.count, 0);
     const { min, max } = told.extent_m;
     const xyz = new Float32Array(3 * points);
     const centre = min.map((value, axis) => (value + max[axis]!) / 2) as [number, number, number];
