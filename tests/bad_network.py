@@ -22,14 +22,14 @@ class BadNetwork:
     url : str
         Of the service.
     rate : float
-        Bytes a second that all connections together send to the service.
+        Bytes a second that all connections together send to the service; it may be changed.
     cut_every_s : float, optional
         After so long a time all connections fall, again and again while bytes go through.
     """
 
     def __init__(self, url: str, *, rate: float, cut_every_s: float | None = None) -> None:
         self._service = (str(urlsplit(url).hostname), int(urlsplit(url).port or 80))
-        self._rate, self._cut_every_s = rate, cut_every_s
+        self.rate, self._cut_every_s = rate, cut_every_s
         self._door = socket.create_server(("127.0.0.1", 0))
         self._lock = threading.Lock()
         self._lines: set[socket.socket] = set()
@@ -97,7 +97,7 @@ class BadNetwork:
         with self._lock:
             self.sent += size
         if size > _PIECE * _TICK_S:
-            time.sleep(size / self._rate)
+            time.sleep(size / self.rate)
 
 
 @contextlib.contextmanager

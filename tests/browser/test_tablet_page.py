@@ -152,7 +152,8 @@ def test_a_scan_given_up_is_sent_no_further_and_does_not_come_back(plant: Plant,
         before = network.sent
         send_file(page, "unwanted.ply", unwanted)
         until_sent(network, before + 0.2 * len(unwanted))
-        page.get_by_role("button", name="Stop and forget it").tap()
+        with page.expect_response(lambda said: said.request.method == "DELETE" and said.status == 204):
+            page.get_by_role("button", name="Stop and forget it").tap()
         send_file(page, "wanted.ply", wanted)
         expect(page.get_by_role("link", name="Move it")).to_be_visible(timeout=120_000)
         assert network.sent - before < 0.2 * len(unwanted) + len(wanted) + PIECE + 20 * HEADERS
@@ -170,7 +171,7 @@ def test_scans_wait_in_line_and_the_line_outlives_the_page(plant: Plant, visit: 
     times = max(2, int(4e6 / (12 * len(plant.scan.cloud.points))))
     contents = [plant.scan_file(times=times + n) for n in range(3)]
     digests = [hashlib.sha256(content).hexdigest() for content in contents]
-    with bad_network(plant.running.address, rate=RATE / 4) as network:
+    with bad_network(plant.running.address, rate=RATE / 20) as network:
         watched = visit(network.url, **TABLET)
         page = watched.page
         open_and_sign_in(watched, plant.running.admin_key)
@@ -181,6 +182,7 @@ def test_scans_wait_in_line_and_the_line_outlives_the_page(plant: Plant, visit: 
             page.get_by_role("button", name="Send another").tap()
         cards = page.locator("section.card")
         expect(cards.filter(has_text="Waits until the one before is sent")).to_have_count(2)
+        network.rate = RATE
         cards.filter(has_text="room 1.ply").get_by_role("button", name="Stop and forget it").tap()
         until_sent(network, before + 0.5 * len(contents[0]))
         page.reload()

@@ -49,6 +49,9 @@ async function withStore<T>(mode: IDBTransactionMode, act: (store: IDBObjectStor
 /** All that is kept, the oldest first. */
 export const kept = (): Promise<Parcel[]> => withStore("readonly", (store) => store.getAll() as IDBRequest<Parcel[]>);
 
+/** A parcel as it was kept last. */
+export const latest = (parcel: Parcel): Promise<Parcel | undefined> => withStore("readonly", (store) => store.get(parcel.made) as IDBRequest<Parcel | undefined>);
+
 /** Keep what has become of a parcel; one that found no room when it was made lives in the open page alone. */
 export async function keep(parcel: Parcel): Promise<void> {
   if (parcel.isKept) await withStore("readwrite", (store) => store.put(parcel));

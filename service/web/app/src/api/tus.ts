@@ -1,10 +1,11 @@
 /** An upload in pieces that survives a lost connection and a closed page. */
 import { onceKey, Refused, send } from "./client";
-import { keep, type Parcel } from "./parcels";
+import { forget, keep, latest, type Parcel } from "./parcels";
 
 const PIECE_BYTES = 2 * 1024 * 1024;
 const PIECE_TIME_MS = 90_000;
 const PAUSE_MS = 1500;
+const TRIES = 5;
 const TUS = { "Tus-Resumable": "1.0.0" };
 
 export interface Watch {
@@ -77,4 +78,23 @@ export function deliver(parcel: Parcel, watch: Watch, signal: AbortSignal): Prom
   const sent = before.then(() => deliverNow(parcel, watch, signal));
   before = sent.catch(() => null);
   return sent;
+}
+
+/** Forget a parcel, and what the service has of it so far; a scan that it has become stays. */
+export async function giveUp(parcel: Parcel): Promise<void> {
+  const location = (await latest(parcel))?.location ?? parcel.location;
+  await forget(parcel);
+  if (location) void removeUpload(location);
+}
+
+async function removeUpload(location: string): Promise<void> {
+  for (let left = TRIES; left > 0; left--) {
+    try {
+      await send("DELETE", location, { headers: TUS });
+      return;
+    } catch (cause) {
+      if (!isPassing(cause)) return; // it is gone, or will be when its time is over
+      await new Promise((resolve) => setTimeout(resolve, PAUSE_MS));
+    }
+  }
 }

@@ -1,7 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { all, follow, get, post, type Job, type Placement, type Scan, type Schemas } from "../api/client";
 import { forget, keep, type Parcel } from "../api/parcels";
-import { deliver } from "../api/tus";
+import { deliver, giveUp } from "../api/tus";
 import { bytesText, named, t } from "../i18n";
 import { Chip, Failure, Progress } from "../ui/parts";
 import { loadCloud, type Cloud } from "../view/cloud";
@@ -78,7 +78,7 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
   };
   const drop = () => {
     stop.current.abort();
-    void forget(parcel).then(putAway);
+    void giveUp(parcel).then(putAway);
   };
   const percent = Math.floor((100 * bytes) / Math.max(1, parcel.size));
   const words = { accepted: t("tablet.done"), "needs-review": t("tablet.look"), rejected: t("tablet.bad") };
