@@ -11,12 +11,11 @@ from worker.geometry.registration import measure
 from worker.geometry.registration.faces import Faces
 from worker.geometry.registration.neighbours import NeighbourGrid
 
-_ALIGNED = np.cos(np.deg2rad(15.0))
 _BESIDE_POINTS, _BESIDE_FACES = 0.25, 0.2
 _FARTHEST, _STEP, _NEAREST = 1.2, 0.03, 0.15
 _HERE = 0.045
 _REACH, _ON = 0.09, 0.05
-_LOW, _BELOW_TOP = 0.3, 0.2
+_LOW, _BELOW_TOP = 0.3, 0.2  # neither floor nor ceiling
 _LEVEL = 0.7
 
 
@@ -64,7 +63,7 @@ def rather_elsewhere(fit: measure.Fit, normals: NDArray[np.float64], faces: Face
     standing = (np.abs(normals[:, 2]) < _LEVEL) & (z > _LOW) & (z < np.percentile(z, 99.0) - _BELOW_TOP)
     points = fit.placed[standing, :2] - middle
     slides = [
-        _slide(points, planes[np.abs(planes[:, :2] @ along) > _ALIGNED], along, faces, middle)
+        _slide(points, planes[np.abs(planes[:, :2] @ along) > measure.ALIGNED], along, faces, middle)
         for along in measure.open_directions(planes)
     ]
     return max(slides, key=lambda slide: slide.gain, default=None)
@@ -83,7 +82,7 @@ def _slide(
     rest = points[~_beside(points, lone, _BESIDE_POINTS)]
     widest = np.abs(points).max(initial=0.0) + _FARTHEST + _REACH
     other = (np.abs(feet) < widest).all(axis=1)
-    other &= ~(_beside(feet, lone, _BESIDE_FACES) & (np.abs(outward @ along) > _ALIGNED))
+    other &= ~(_beside(feet, lone, _BESIDE_FACES) & (np.abs(outward @ along) > measure.ALIGNED))
     if not len(rest) or not other.any():
         return Slide(0.0, 0.0)
     shifts = np.arange(-_FARTHEST, _FARTHEST + _STEP / 2, _STEP)

@@ -17,7 +17,8 @@ UPRIGHT = 0.3
 _LEAST_STRUCTURE = 100
 _SHELVES = 2.2
 _WEAK = 0.02
-_ALIGNED = np.cos(np.deg2rad(15.0))
+ALIGNED = np.cos(np.deg2rad(15.0))
+"""Level normals whose product is more than this look the same way."""
 _SAME_PLANE = 0.15
 GLIMPSE = 0.02
 """Share of the upright inliers that tells that a wall was seen at all."""
@@ -241,7 +242,7 @@ def upright_planes(
         n0 /= max(float(np.linalg.norm(n0)), 1e-9)
         c0 = float(np.median(p[seed] @ n0))
         facing = n @ n0 if sided else np.abs(n @ n0)
-        member = (facing > _ALIGNED) & (np.abs(p @ n0 - c0) < _SAME_PLANE)
+        member = (facing > ALIGNED) & (np.abs(p @ n0 - c0) < _SAME_PLANE)
         if np.count_nonzero(member) >= least:
             planes.append((*n0, c0))
         member |= seed
@@ -274,12 +275,12 @@ def open_directions(planes: NDArray[np.float64]) -> NDArray[np.float64]:
         Of `upright_planes`, sided.
     """
     normals, faced = planes[:, :2], _faced(planes)
-    along = np.abs(normals @ normals.T) > _ALIGNED
+    along = np.abs(normals @ normals.T) > ALIGNED
     return np.asarray(normals[~(along & faced[None]).any(axis=1)], dtype=np.float64)
 
 
 def _faced(planes: NDArray[np.float64]) -> NDArray[np.bool_]:
     """Return which of the planes (K, 3) face another one."""
     n, c = planes[:, :2], planes[:, 2]
-    opposite = (n @ n.T < -_ALIGNED) & (c[:, None] + c[None] < 0)
+    opposite = (n @ n.T < -ALIGNED) & (c[:, None] + c[None] < 0)
     return np.asarray(opposite.any(axis=1), dtype=np.bool_)
