@@ -71,10 +71,9 @@ def gather_evidence(
     placed = pose.apply(problem.scan.coarse)
     away = _away(problem, pose, placed)
     runner_up = max(found[1:], key=lambda f: f.score, default=None)
-    beside = None if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
-    image = (None, None) if mirrored is None else (mirrored.fit.structure_share, mirrored.contradicted)
-    slide = _slide(problem, best.fit, pose)
-    moved_by, turned_by = (0.0, 0.0) if initial is None else _moved(pose, initial, middle)
+    beside = (None, None) if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
+    rival, image = _explained(runner_up), _explained(mirrored)
+    slide, moved = _slide(problem, best.fit, pose), _moved(pose, initial, middle)
     return PlacementEvidence(
         map_kind=problem.target.kind,
         converged=best.end.converged,
@@ -103,19 +102,19 @@ def gather_evidence(
         closed_directions=_closed(best.fit) if faces else 0,
         undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
         explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
-        slide_gain=slide.gain if slide is not None else None,
-        slide_m=slide.metres if slide is not None else None,
+        slide_gain=slide[0],
+        slide_m=slide[1],
         poses_compared=tried,
         starts=starts,
         starts_agreeing=best.end.starts,
-        runner_up_distance_m=beside[0] if beside is not None else None,
-        runner_up_turn_rad=beside[1] if beside is not None else None,
-        runner_up_inlier_share=runner_up.fit.structure_share if runner_up is not None else None,
-        runner_up_contradicted_share=runner_up.contradicted if runner_up is not None else None,
+        runner_up_distance_m=beside[0],
+        runner_up_turn_rad=beside[1],
+        runner_up_inlier_share=rival[0],
+        runner_up_contradicted_share=rival[1],
         mirrored_inlier_share=image[0],
         mirrored_contradicted_share=image[1],
-        moved_m=moved_by,
-        turned_rad=turned_by,
+        moved_m=moved[0],
+        turned_rad=moved[1],
         tilt_rad=float(np.arccos(np.clip(pose.rotation[2, 2], -1.0, 1.0))),
     )
 
@@ -142,8 +141,13 @@ def _turned(problem: Problem, pose: Transform) -> NDArray[np.float64]:
     return problem.scan.normals @ pose.rotation.T
 
 
-def _moved(pose: Transform, initial: Transform, middle: NDArray[np.float64]) -> tuple[float, float]:
-    """Return how far a pose is from a rough one, at the scan's origin or its middle, and the turn [rad]."""
+def _moved(pose: Transform, initial: Transform | None, middle: NDArray[np.float64]) -> tuple[float, float]:
+    """Return how far a pose is from a rough one, at the scan's origin or its middle, and the turn [rad].
+
+    0 where there was none.
+    """
+    if initial is None:
+        return 0.0, 0.0
     at_middle, turn = apart_at(pose, initial, middle)
     return min(at_middle, apart_at(pose, initial, np.zeros(3))[0]), turn
 
@@ -168,9 +172,15 @@ def _closed(fit: measure.Fit) -> int:
     return measure.closed_directions(planes)
 
 
-def _slide(problem: Problem, fit: measure.Fit, pose: Transform) -> Slide | None:
+def _slide(problem: Problem, fit: measure.Fit, pose: Transform) -> Slide | tuple[None, None]:
     faces = problem.target.faces
-    return None if faces is None else rather_elsewhere(fit, _turned(problem, pose), faces)
+    slide = None if faces is None else rather_elsewhere(fit, _turned(problem, pose), faces)
+    return slide or (None, None)
+
+
+def _explained(found: Found | None) -> tuple[float, float] | tuple[None, None]:
+    """Return the share of the structure that another pose explains, and that seen through walls there."""
+    return (None, None) if found is None else (found.fit.structure_share, found.contradicted)
 
 
 def _below_the_walls_tops(problem: Problem, fit: measure.Fit) -> NDArray[np.float64]:
