@@ -208,7 +208,7 @@ def test_no_process_outlives_a_killed_worker(sqlite_bench: Workbench, tmp_path: 
 def is_alive(pid: int) -> bool:
     try:
         return Path(f"/proc/{pid}/stat").read_text(encoding="ascii").rpartition(")")[2].split()[0] != "Z"
-    except FileNotFoundError:
+    except (FileNotFoundError, ProcessLookupError):
         return False
 
 

@@ -327,5 +327,7 @@ def kill(process: subprocess.Popen[bytes]) -> None:
 
 def children_of(pid: int) -> list[int]:
     """Return the processes that `pid` has started and that live."""
-    path = Path(f"/proc/{pid}/task/{pid}/children")
-    return [int(child) for child in path.read_text(encoding="ascii").split()] if path.exists() else []
+    try:
+        return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text("ascii").split()]
+    except (FileNotFoundError, ProcessLookupError):  # it has ended, perhaps while it is read
+        return []
