@@ -21,7 +21,7 @@ STAGES = (0.0, 0.3, 0.6)
 
 def test_a_drawing_is_cancelled_at_any_stage(sqlite_bench: Workbench, tmp_path: Path) -> None:
     bench = sqlite_bench
-    path = a_slow_drawing(tmp_path / "plan.png", strokes=600)
+    path = a_slow_drawing(tmp_path / "plan.png", strokes=6000)
     stages = []
     with bench.worker(beat_s="0.2") as worker:
         for least in STAGES:

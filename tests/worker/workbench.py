@@ -49,10 +49,10 @@ def a_small_drawing(path: Path, *, room_px: int = 120) -> Path:
     return path
 
 
-def a_slow_drawing(path: Path, *, strokes: int = 80) -> Path:
-    """Write a sheet full of strokes; 80 take about a second to read, 600 many seconds."""
+def a_slow_drawing(path: Path, *, strokes: int = 300) -> Path:
+    """Write a sheet full of strokes; 300 take about a second to read, 6,000 many."""
     rng = np.random.default_rng(3)
-    side = 800 if strokes <= 100 else 1500
+    side = round(800 * max(1.0, strokes / 170) ** 0.5)
     sheet = np.full((side, side), 255, dtype=np.uint8)
     for x, y, length in rng.integers(0, side - 100, (strokes, 3)):
         sheet[y : y + 3, x : x + length % 300] = 0
