@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections.abc import Iterator
+from contextlib import contextmanager
 from functools import cache
 from importlib import resources
 from typing import TYPE_CHECKING
 
-from sqlalchemy import Engine, inspect, text
+from sqlalchemy import Connection, Engine, inspect, text
+from sqlalchemy.exc import IntegrityError
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -25,12 +28,52 @@ def _config() -> Config:
     return config
 
 
+@contextmanager
+def _stepping(engine: Engine) -> Iterator[Connection]:
+    """Give a connection in one transaction in which a table may be rebuilt while others refer to it.
+
+    Raises
+    ------
+    IntegrityError
+        If a row refers to nothing after the steps (SQLite); everything is rolled back.
+
+    Notes
+    -----
+    SQLite has no ALTER for most changes: Alembic copies the table and drops the old one, which its
+    foreign keys forbid as soon as a row refers to it. The pragma does nothing inside a transaction,
+    so it stands before BEGIN, and the check before the commit ("Making Other Kinds Of Table Schema
+    Changes", sqlite.org/lang_altertable.html).
+    """
+    if engine.dialect.name != "sqlite":
+        with engine.begin() as connection:
+            yield connection
+        return
+    with engine.connect() as connection:
+        raw = connection.connection.dbapi_connection
+        if raw is None:  # pragma: no cover - a connection that is open has one
+            raise ValueError("the connection is closed")
+        cursor = raw.cursor()
+        cursor.execute("PRAGMA foreign_keys=OFF")
+        try:
+            with connection.begin():
+                yield connection
+                broken = connection.exec_driver_sql("PRAGMA foreign_key_check").fetchall()
+                if broken:
+                    statement = "PRAGMA foreign_key_check"
+                    raise IntegrityError(
+                        statement, None, ValueError(f"rows that refer to nothing: {broken[:5]}")
+                    )
+        finally:
+            cursor.execute("PRAGMA foreign_keys=ON")
+            cursor.close()
+
+
 def upgrade(engine: Engine, *, to: str = "head") -> None:
     """Bring the database to the schema of this version, in one transaction."""
     from alembic import command  # noqa: PLC0415 - as above
 
     config = _config()
-    with engine.begin() as connection:
+    with _stepping(engine) as connection:
         config.attributes["connection"] = connection
         command.upgrade(config, to)
 
@@ -40,7 +83,7 @@ def downgrade(engine: Engine, *, to: str) -> None:
     from alembic import command  # noqa: PLC0415 - as above
 
     config = _config()
-    with engine.begin() as connection:
+    with _stepping(engine) as connection:
         config.attributes["connection"] = connection
         command.downgrade(config, to)
 
