@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import argparse
+import resource
 import signal
 import socket
 import sys
+from contextlib import suppress
 from pathlib import Path
 from types import FrameType
 from typing import Any
@@ -42,7 +44,7 @@ class _Server(uvicorn.Server):
 
     def handle_exit(self, sig: int, frame: FrameType | None) -> None:  # noqa: ARG002 - the interface
         """Stop gracefully; a second SIGINT at once. The signal is not raised again: stopping is success."""
-        self._app.state.stopping.set()
+        self._app.state.broadcast.stop()
         self.force_exit = self.should_exit and sig == signal.SIGINT
         self.should_exit = True
 
@@ -70,7 +72,15 @@ def main(argv: list[str] | None = None) -> int:
     return status
 
 
+def _take_descriptors() -> None:
+    """Raise the number of open files to what the system lets this process have: each stream holds one."""
+    _, most = resource.getrlimit(resource.RLIMIT_NOFILE)
+    with suppress(OSError, ValueError):
+        resource.setrlimit(resource.RLIMIT_NOFILE, (most, most))
+
+
 def _serve(settings: Settings, _args: argparse.Namespace) -> int:
+    _take_descriptors()
     kernel = open_kernel(settings)
     try:
         app = create_app(settings, kernel=kernel)
@@ -79,6 +89,9 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
             _say(f"First admin key, shown this once: {first.secret}")
         family = socket.AF_INET6 if ":" in settings.host else socket.AF_INET
         with socket.create_server((settings.host, settings.port), family=family, backlog=2048) as listening:
+            # inherited by each connection: head and body of an answer are two writes, and by Nagle's rule
+            # the second would wait for the client's delayed acknowledgement of the first, 40 ms
+            listening.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
             config = uvicorn.Config(
                 app,
                 log_config=None,

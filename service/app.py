@@ -4,10 +4,9 @@ from __future__ import annotations
 
 import asyncio
 import secrets
-import threading
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import asdict
+from dataclasses import asdict, replace
 from datetime import UTC, datetime
 from importlib.metadata import version
 
@@ -22,6 +21,7 @@ from service.api import openapi, problems
 from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
+from service.api.live import Broadcast
 from service.api.metrics import Metrics
 from service.api.polling import Polling
 from service.api.polls import Polls
@@ -194,17 +194,21 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     figures = Figures(kernel)
     metrics = Metrics(jobs=figures.jobs_now)
     metrics.watch_jobs()
+    live = replace(kernel, db=Database(open_engine(kernel.db.engine.url)))
+    broadcast = Broadcast(live, max_streams_per_key=settings.max_streams_per_key)
 
     @asynccontextmanager
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         tasks = [
             asyncio.create_task(_sweep_for_ever(kernel, app.state.pieces, settings)),
             asyncio.create_task(_advance_for_ever(kernel)),
+            asyncio.create_task(broadcast.run()),
         ]
         yield
-        app.state.stopping.set()
+        broadcast.stop()
         for task in tasks:
             task.cancel()
+        live.db.close()
         if own:
             kernel.db.close()
 
@@ -227,7 +231,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.figures = figures
     app.state.front_prefix = settings.front_prefix
     app.state.public_url = settings.public_url
-    app.state.stopping = threading.Event()
+    app.state.broadcast = broadcast
     app.state.limits = Limits(
         max_upload_bytes=settings.max_upload_bytes,
         upload_expiry_s=settings.upload_expiry_s,

@@ -56,6 +56,10 @@ class Settings(BaseSettings):
         24 * 3600.0, gt=0, description="Seconds for which an Idempotency-Key is remembered."
     )
 
+    max_streams_per_key: int = Field(
+        1_000, gt=0, description="How many event streams one key may have open at one service process."
+    )
+
     keep_revisions: int = Field(
         0,
         ge=0,

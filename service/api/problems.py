@@ -29,6 +29,7 @@ from service.domain.errors import (
     OriginNotProven,
     PointerMoved,
     Rejected,
+    TooManyStreams,
     TusVersionUnsupported,
     Unauthenticated,
     Unavailable,
@@ -61,6 +62,7 @@ STATUSES: Mapping[type[DomainError], int] = {
     ChecksumUnsupported: 400,
     TusVersionUnsupported: 412,
     Rejected: 422,
+    TooManyStreams: 429,
     Unavailable: 503,
 }
 """Status of each branch or leaf; of several that fit, the nearest in the class's own line holds.

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 
-from sqlalchemy import select
+from sqlalchemy import Select, select
 from sqlalchemy.orm import Session
 
 from service.db.models import Publication
 from service.db.robots import Robot, RobotReport
+
+_BATCH = 500
 
 
 def publications_behind(
@@ -25,13 +27,40 @@ def reports_behind(
     session: Session, after: str, *, covered: Collection[str] | None, limit: int
 ) -> Sequence[tuple[RobotReport, str]]:
     """Return up to `limit` reports with ids behind `after`, each with its robot's map."""
-    query = (
-        select(RobotReport, Robot.map_id)
-        .join(Robot, Robot.id == RobotReport.robot_id)
-        .where(RobotReport.id > after)
-        .order_by(RobotReport.id)
-        .limit(limit)
-    )
+    query = _reports().where(RobotReport.id > after).order_by(RobotReport.id).limit(limit)
     if covered is not None:
         query = query.where(Robot.map_id.in_(covered))
     return [(row[0], row[1]) for row in session.execute(query)]
+
+
+def ids_behind(session: Session, publication: str, report: str) -> list[str]:
+    """Return the ids of all publications behind the one and of all reports behind the other."""
+    publications = select(Publication.id).where(Publication.id > publication)
+    reports = select(RobotReport.id).where(RobotReport.id > report)
+    return [*session.scalars(publications), *session.scalars(reports)]
+
+
+def find_publications(session: Session, ids: Sequence[str]) -> list[Publication]:
+    """Return the publications with these ids."""
+    return [
+        row
+        for part in _parts(ids)
+        for row in session.scalars(select(Publication).where(Publication.id.in_(part)))
+    ]
+
+
+def find_reports(session: Session, ids: Sequence[str]) -> list[tuple[RobotReport, str]]:
+    """Return the reports with these ids, each with its robot's map."""
+    return [
+        (row[0], row[1])
+        for part in _parts(ids)
+        for row in session.execute(_reports().where(RobotReport.id.in_(part)))
+    ]
+
+
+def _reports() -> Select[RobotReport, str]:
+    return select(RobotReport, Robot.map_id).join(Robot, Robot.id == RobotReport.robot_id)
+
+
+def _parts(ids: Sequence[str]) -> list[Sequence[str]]:
+    return [ids[begin : begin + _BATCH] for begin in range(0, len(ids), _BATCH)]

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from datetime import datetime
 
-from sqlalchemy import select, update
+from sqlalchemy import or_, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from service.db.models import Key
+
+_BATCH = 500
 
 
 def find_by_digest(session: Session, digest: str) -> Key | None:
@@ -20,6 +22,16 @@ def find_by_digest(session: Session, digest: str) -> Key | None:
 def find_key(session: Session, key_id: str) -> Key | None:
     """Return the key with this id, or None."""
     return session.get(Key, key_id)
+
+
+def valid_keys(session: Session, key_ids: Collection[str], *, now: datetime) -> set[str]:
+    """Return those of the keys that exist, were not revoked and have not expired."""
+    wanted, valid = sorted(key_ids), set[str]()
+    for begin in range(0, len(wanted), _BATCH):
+        lasting = or_(Key.expires_at.is_(None), Key.expires_at > now)
+        query = select(Key.id).where(Key.id.in_(wanted[begin : begin + _BATCH]), Key.revoked_at.is_(None))
+        valid |= set(session.scalars(query.where(lasting)))
+    return valid
 
 
 def list_keys(session: Session, *, after: str | None, limit: int) -> Sequence[Key]:

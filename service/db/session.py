@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
 
-from sqlalchemy import Engine, create_engine, event
+from sqlalchemy import URL, Engine, create_engine, event, make_url
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
@@ -18,7 +18,7 @@ from service.domain.errors import DatabaseBusy
 _BUSY_TIMEOUT_S = 15.0
 
 
-def open_engine(url: str) -> Engine:
+def open_engine(url: str | URL) -> Engine:
     """Return an engine for a SQLAlchemy URL: WAL, foreign keys and immediate transactions on SQLite.
 
     Notes
@@ -27,7 +27,7 @@ def open_engine(url: str) -> Engine:
     and every transaction begins with BEGIN IMMEDIATE, so that two writers queue instead of failing
     at their commit (SQLAlchemy, "Serializable isolation / Savepoints / Transactional DDL").
     """
-    if not url.startswith("sqlite"):
+    if make_url(url).get_backend_name() != "sqlite":
         return create_engine(
             url, pool_size=5, max_overflow=15, pool_timeout=_BUSY_TIMEOUT_S, pool_pre_ping=True
         )

@@ -595,6 +595,15 @@ class ExportNotReady(Unavailable):
     title = "The export is not ready"
 
 
+class TooManyStreams(Unavailable):
+    """The key has as many event streams open as one key may have; `max_streams` tells how many.
+
+    Close one, or ask again after the `Retry-After` seconds. Many listeners take a key each.
+    """
+
+    title = "The key has too many streams"
+
+
 class NotReady(Unavailable):
     """The service is up, but something that it needs is not; `checks` tells what."""
 

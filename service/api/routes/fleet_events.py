@@ -2,25 +2,21 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import AsyncIterator
 from typing import Annotated, Any
 
-import anyio
-from anyio.to_thread import run_sync
-from fastapi import APIRouter, Header, Query, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Header, Query, Response
+from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import TabletActor
 from service.api.deps import KernelDep
-from service.domain.errors import DatabaseBusy
-from service.usecases.fleet_events import FleetEvent, Listening, listen
+from service.api.live import RETRY, BroadcastDep, EventStream, Listener, Topic, event_message
+from service.domain.access import Actor
+from service.usecases.fleet_events import FleetEvent, Past, listen
 from service.usecases.kernel import Kernel
 
 router = APIRouter(prefix="/v1", tags=["robots"])
 
-_LOOK_EVERY_S = 0.5
-_KEEP_ALIVE_S = 10.0
 _EVENTS: dict[int | str, dict[str, Any]] = {
     200: {
         "description": "Events named `publication` and `report`, each as JSON in `data`; ids sort by time.",
@@ -30,9 +26,9 @@ _EVENTS: dict[int | str, dict[str, Any]] = {
 
 
 @router.get("/events", response_class=Response, responses=_EVENTS)
-def listen_to_the_fleet(
-    request: Request,
+async def listen_to_the_fleet(
     kernel: KernelDep,
+    broadcast: BroadcastDep,
     actor: TabletActor,
     *,
     map_id: Annotated[str | None, Query(alias="map", description="Only what happens on this map.")] = None,
@@ -43,40 +39,28 @@ def listen_to_the_fleet(
     """Listen to the fleet as server-sent events: pointers that move, and what robots report, from now on.
 
     After a reconnect with `Last-Event-ID` nothing is missing; events of the last seconds before may come
-    again, under the same ids. Needs a tablet or admin key.
+    again, under the same ids. The stream ends within five seconds of its key. Needs a tablet or admin key.
     """
-    with kernel.db.reading() as session:
-        listening = listen(session, actor, map_id=map_id, after=last_event_id, now=kernel.now())
-    return StreamingResponse(
-        _stream(request, kernel, listening),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
-    )
+    with broadcast.joined(actor, Topic(map_id=map_id)) as listener:
+        past = await run_in_threadpool(_past, kernel, actor, map_id, last_event_id)
+    return EventStream(broadcast, listener, _frames(kernel, listener, past))
 
 
-async def _stream(request: Request, kernel: Kernel, listening: Listening) -> AsyncIterator[bytes]:
-    quiet_s = 0.0
-    yield b"retry: 1000\n\n"
-    while not request.app.state.stopping.is_set():
-        try:
-            events = await run_sync(_look, kernel, listening)
-        except DatabaseBusy:
-            events = []
+async def _frames(kernel: Kernel, listener: Listener, past: Past) -> AsyncIterator[bytes]:
+    yield RETRY
+    while events := await run_in_threadpool(_page, kernel, past):
         for event in events:
-            quiet_s = 0.0
-            yield _line(event)
-        if quiet_s >= _KEEP_ALIVE_S:
-            quiet_s = 0.0
-            yield b": still here\n\n"
-        await anyio.sleep(_LOOK_EVERY_S)
-        quiet_s += _LOOK_EVERY_S
+            yield event_message(event).frame
+    async for message in listener.messages():
+        if not message.mark or past.is_news(message.mark):
+            yield message.frame
 
 
-def _look(kernel: Kernel, listening: Listening) -> list[FleetEvent]:
+def _past(kernel: Kernel, actor: Actor, map_id: str | None, after: str | None) -> Past:
     with kernel.db.reading() as session:
-        return listening.look(session, now=kernel.now())
+        return listen(session, actor, map_id=map_id, after=after, now=kernel.now())
 
 
-def _line(event: FleetEvent) -> bytes:
-    told = {"id": event.id, "map_id": event.map_id, "at": event.at.isoformat(), **event.told}
-    return f"event: {event.kind}\nid: {event.id}\ndata: {json.dumps(told)}\n\n".encode()
+def _page(kernel: Kernel, past: Past) -> list[FleetEvent]:
+    with kernel.db.reading() as session:
+        return past.page(session)

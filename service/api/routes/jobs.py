@@ -6,19 +6,18 @@ from collections.abc import AsyncIterator
 from functools import partial
 from typing import Annotated, Any
 
-import anyio
-from anyio.to_thread import run_sync
-from fastapi import APIRouter, Header, Path, Query, Request, Response
-from fastapi.responses import StreamingResponse
+from fastapi import APIRouter, Header, Path, Query, Response
 from sqlalchemy.orm import Session
+from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import TabletActor
 from service.api.deps import BaseUrl, KernelDep, Once, answered, respond
+from service.api.live import RETRY, BroadcastDep, EventStream, Listener, Message, Topic, job_message
 from service.api.schemas.base import Page
 from service.api.schemas.jobs import JobOut
 from service.api.searching import SearchDep
+from service.db.models import Job
 from service.domain.access import Actor
-from service.domain.errors import DatabaseBusy
 from service.domain.lifecycle import JobKind, JobState
 from service.usecases import jobs
 from service.usecases.answer import Answered, answer_once
@@ -26,9 +25,6 @@ from service.usecases.find import find_jobs
 from service.usecases.kernel import Kernel
 
 router = APIRouter(prefix="/v1/jobs", tags=["jobs"])
-
-_LOOK_EVERY_S = 0.2
-_KEEP_ALIVE_S = 10.0
 
 JobId = Annotated[str, Path(description="Id of the job.")]
 _EVENTS: dict[int | str, dict[str, Any]] = {
@@ -59,7 +55,7 @@ def list_jobs(
 @router.get("/{job_id}", response_model=JobOut)
 def get_job(kernel: KernelDep, actor: TabletActor, base_url: BaseUrl, job_id: JobId) -> JobOut:
     """Show one job; poll this, or listen to its events."""
-    return _look(kernel, actor, job_id, base_url)[0]
+    return JobOut.of(_look(kernel, actor, job_id), base_url=base_url)
 
 
 @router.post("/{job_id}/cancel", status_code=202, response_model=JobOut)
@@ -89,9 +85,9 @@ def retry_job(
 
 
 @router.get("/{job_id}/events", response_class=Response, responses=_EVENTS)
-def listen_to_job(
-    request: Request,
+async def listen_to_job(
     kernel: KernelDep,
+    broadcast: BroadcastDep,
     actor: TabletActor,
     base_url: BaseUrl,
     job_id: JobId,
@@ -101,45 +97,32 @@ def listen_to_job(
 ) -> Response:
     """Listen to a job as server-sent events: its present state at once, then each change, until it ends.
 
-    The stream ends after the event with a final state. After a reconnect with `Last-Event-ID` a state
-    that was seen is not sent again, unless it is final.
+    The stream ends after the event with a final state, and within five seconds of its key. After a
+    reconnect with `Last-Event-ID` a state that was seen is not sent again, unless it is final.
     """
-    first = _look(kernel, actor, job_id, base_url)
-    seen = None if last_event_id != str(first[1]) or first[0].state.is_final else first[1]
-
-    async def events() -> AsyncIterator[bytes]:
-        yield b"retry: 1000\n\n"
-        async for event in _changes(request, lambda: _look(kernel, actor, job_id, base_url), seen):
-            yield event
-
-    return StreamingResponse(
-        events(),
-        media_type="text/event-stream",
-        headers={"Cache-Control": "no-store", "X-Accel-Buffering": "no"},
-    )
+    with broadcast.joined(actor, Topic(job_id=job_id, base_url=base_url)) as listener:
+        first = job_message(await run_in_threadpool(_look, kernel, actor, job_id), base_url=base_url)
+    is_seen = last_event_id == first.mark and not first.is_last
+    return EventStream(broadcast, listener, _frames(listener, first, is_seen=is_seen))
 
 
-async def _changes(request: Request, look: Any, seen: int | None) -> AsyncIterator[bytes]:
-    """Give an event for each state that differs from the one seen last, and comments in between."""
-    quiet_s = 0.0
-    while not request.app.state.stopping.is_set():
-        try:
-            job, changed = await run_sync(look)
-        except DatabaseBusy:
-            job, changed = None, seen
-        if job is not None and changed != seen:
-            seen, quiet_s = changed, 0.0
-            yield f"event: job\nid: {changed}\ndata: {job.model_dump_json()}\n\n".encode()
-            if job.state.is_final:
+async def _frames(listener: Listener, first: Message, *, is_seen: bool) -> AsyncIterator[bytes]:
+    yield RETRY
+    if not is_seen:
+        yield first.frame
+    if first.is_last:
+        return
+    told = int(first.mark)
+    async for message in listener.messages():
+        if not message.mark:
+            yield message.frame
+        elif int(message.mark) > told:
+            told = int(message.mark)
+            yield message.frame
+            if message.is_last:
                 return
-        elif quiet_s >= _KEEP_ALIVE_S:
-            quiet_s = 0.0
-            yield b": still here\n\n"
-        await anyio.sleep(_LOOK_EVERY_S)
-        quiet_s += _LOOK_EVERY_S
 
 
-def _look(kernel: Kernel, actor: Actor, job_id: str, base_url: str) -> tuple[JobOut, int]:
+def _look(kernel: Kernel, actor: Actor, job_id: str) -> Job:
     with kernel.db.reading() as session:
-        row = jobs.covered_job(session, actor, job_id=job_id)
-        return JobOut.of(row, base_url=base_url), row.changed
+        return jobs.covered_job(session, actor, job_id=job_id)
