@@ -253,8 +253,9 @@ class StaleBase(Conflict):
     """Somebody changed the same things since the base revision that the request builds on.
 
     Changes of other things are put together without asking; these are not. `latest` names the newest
-    revision, `theirs` what changed up to it, `yours` what the request would change, `overlap` what both
-    are about: look at it, then ask again with the latest revision as the base.
+    revision, `theirs` what changed up to it since `base`, `yours` what the request would change of it,
+    each with the value `before` and `after`; `overlap` names what both are about: look at it, then ask again
+    with the latest revision as the base.
     """
 
     title = "The same things were changed by somebody else"

@@ -16,6 +16,7 @@ Pose = tuple[tuple[float, ...], ...]
 
 DRAWING = "drawing"
 MAP_FROM_DRAWING = "recipe.map_from_drawing"
+ORDER = "order"
 
 
 @dataclass(frozen=True)
@@ -111,10 +112,11 @@ class Difference:
     Parameters
     ----------
     subject : str
-        `drawing`, `recipe.<field>`, `layer.<layer_id>`, `scan.<scan_id>` or `region.<region_id>`.
+        `drawing`, `recipe.<field>`, `layer.<layer_id>`, `scan.<scan_id>`, `order` (of the layers that both
+        have) or `region.<region_id>`.
     change : str
-        `set`, `added`, `removed`, `moved`, `replaced`, `hidden`, `shown`, `renamed`, `cut`, `erased`,
-        `restored`.
+        `set`, `added`, `removed`, `moved`, `replaced`, `hidden`, `shown`, `renamed`, `cut`, `reordered`,
+        `erased`, `restored`.
     message : str
         A sentence.
     before, after : dict or None
@@ -160,25 +162,12 @@ def differences(before: MapState, after: MapState) -> list[Difference]:
     for layer in after.layers:
         if before.layer(layer.layer_id) is None:
             found += _added(layer)
-    return found + _region_differences(before, after)
+    return found + _order_difference(before, after) + _region_differences(before, after)
 
 
 def subjects(found: list[Difference]) -> set[str]:
     """Return what a list of differences is about."""
     return {one.subject for one in found}
-
-
-def overlap(yours: list[Difference], theirs: list[Difference]) -> set[str]:
-    """Return the subjects that two changes of one state share, so that neither can follow the other.
-
-    A drawing and its place in the map are one subject: they decide together where walls stand.
-    """
-    mine, others = subjects(yours), subjects(theirs)
-    shared = mine & others
-    walls = {DRAWING, MAP_FROM_DRAWING}
-    if mine & walls and others & walls:
-        shared |= (mine | others) & walls
-    return shared
 
 
 def pose_of(rows: Any) -> Pose:
@@ -237,6 +226,13 @@ def _added(layer: LayerState) -> list[Difference]:
         Difference(f"layer.{layer.layer_id}", "added", told, None, _shown(layer)),
         Difference(f"scan.{layer.scan_id}", "added", f"The scan of {layer.name!r} was added."),
     ]
+
+
+def _order_difference(before: MapState, after: MapState) -> list[Difference]:
+    old = [one.layer_id for one in before.layers if after.layer(one.layer_id) is not None]
+    new = [one.layer_id for one in after.layers if before.layer(one.layer_id) is not None]
+    told = "The layers are in another order."
+    return [] if old == new else [Difference(ORDER, "reordered", told, {"layers": old}, {"layers": new})]
 
 
 def _region_differences(before: MapState, after: MapState) -> list[Difference]:

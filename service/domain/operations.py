@@ -279,6 +279,11 @@ class SetRecipe:
         """Return the state with the recipe changed; see `Operation.apply`."""
         return replace(state, recipe=Recipe.from_json({**state.recipe.to_json(), **self.fields}))
 
+    def narrowed(self, state: MapState) -> SetRecipe:
+        """Return the operation with those fields alone that differ in the state."""
+        old, new = state.recipe.to_json(), self.apply(state).recipe.to_json()
+        return SetRecipe({name: self.fields[name] for name in self.fields if new[name] != old[name]})
+
     def to_json(self) -> dict[str, Any]:
         """Return the operation for a revision's history."""
         return {"op": "set-recipe", "recipe": dict(self.fields)}
@@ -310,6 +315,25 @@ def apply_all(state: MapState, operations: Iterable[Operation]) -> MapState:
     for operation in operations:
         state = operation.apply(state)
     return state
+
+
+def effective(state: MapState, operations: Iterable[Operation]) -> list[Operation]:
+    """Return those of the operations that change something, each applied after those before.
+
+    Of a recipe the fields that change: a form names all of them.
+
+    Raises
+    ------
+    LayerNotFound, RegionNotFound, InvalidRequest
+        As `Operation.apply`.
+    """
+    kept: list[Operation] = []
+    for operation in operations:
+        after = operation.apply(state)
+        if after != state:
+            kept.append(operation.narrowed(state) if isinstance(operation, SetRecipe) else operation)
+        state = after
+    return kept
 
 
 def _layer(state: MapState, layer_id: str) -> LayerState:

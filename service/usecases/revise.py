@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -15,9 +15,10 @@ from service.db.proposals import open_proposals
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotFound, StaleBase
 from service.domain.lifecycle import JobKind, ProposalState, RevisionStatus, Role
-from service.domain.map_state import Difference, MapState, differences, overlap
-from service.domain.operations import Operation, SetRecipe, apply_all
+from service.domain.map_state import Difference, MapState, differences
+from service.domain.operations import Operation, SetRecipe, apply_all, effective
 from service.domain.recipe import Recipe
+from service.domain.together import overlap, put_together
 from service.usecases.audit import record
 from service.usecases.kernel import Kernel
 from service.usecases.map_states import layer_rows, state_of
@@ -93,8 +94,9 @@ class Revised:
 def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wanted: Wanted) -> Revised:
     """Return a new revision of the map, building, and its job.
 
-    A base that is no longer the latest revision is no obstacle where others changed other things: the
-    operations are applied to the latest.
+    A base that is no longer the latest revision is no obstacle where others changed other things: what the
+    request changes of its base is put together with what they did. A form that names everything changes
+    what it names otherwise than its base.
 
     Raises
     ------
@@ -141,7 +143,9 @@ def change(
     operations: Sequence[Operation],
     reason: str | None = None,
 ) -> Revised:
-    """Return a new revision: operations made for `base`, on the latest; this transaction holds the map.
+    """Return a new revision: what operations make of `base`, put together with the latest.
+
+    This transaction holds the map.
 
     Raises
     ------
@@ -152,17 +156,20 @@ def change(
     """
     held = state_of(session, base)
     wished = apply_all(held, operations)
+    yours = differences(held, wished)
     latest = table.latest_living_revision(session, base.map_id)
     assert latest is not None
-    rebased = None
+    rebased, state = None, wished
     if latest.n != base.n:
         present = state_of(session, latest)
-        yours, theirs = differences(held, wished), differences(held, present)
-        _require_apart(base, latest, yours, theirs)
-        wished = apply_all(present, operations)
+        theirs = differences(held, present)
+        shared = overlap(held, wished, present)
+        if shared:
+            raise _stale(base, latest, shared, yours, theirs)
+        state = put_together(held, wished, present)
         rebased = Rebased(base.n, latest.n, theirs)
-    made = _Made(base.map_id, wished, latest.n, base.n, operations, reason)
-    _settle_proposals(kernel, session, actor, base.map_id, differences(held, wished))
+    made = _Made(base.map_id, state, latest.n, base.n, effective(held, operations), reason)
+    _settle_proposals(kernel, session, actor, base.map_id, yours)
     return _add(kernel, session, actor, made, rebased=rebased)
 
 
@@ -189,20 +196,23 @@ def _living(session: Session, map_id: str, n: int) -> Revision:
     return named
 
 
-def _require_apart(
-    base: Revision, latest: Revision, yours: list[Difference], theirs: list[Difference]
-) -> None:
-    shared = overlap(yours, theirs)
-    if shared:
-        told = " ".join(one.message for one in theirs if one.subject in shared)
-        raise StaleBase(
-            f"Since revision {base.n} somebody changed the same: {told} "
-            f"Look at revision {latest.n}, and ask again with it as the base.",
-            latest=latest.n,
-            overlap=sorted(shared),
-            theirs=[one.to_json() for one in theirs],
-            yours=[one.to_json() for one in yours],
-        )
+def _stale(
+    base: Revision,
+    latest: Revision,
+    shared: Collection[str],
+    yours: Sequence[Difference],
+    theirs: Sequence[Difference],
+) -> StaleBase:
+    told = " ".join(one.message for one in theirs if one.subject in shared)
+    return StaleBase(
+        f"Since revision {base.n} somebody changed the same: {told} "
+        f"Look at revision {latest.n}, and ask again with it as the base.",
+        base=base.n,
+        latest=latest.n,
+        overlap=sorted(shared),
+        theirs=[one.to_json() for one in theirs],
+        yours=[one.to_json() for one in yours],
+    )
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,6 @@ from service.domain.map_state import (
     MapState,
     differences,
     moved_by,
-    overlap,
     pose_of,
     subjects,
 )
@@ -29,13 +28,16 @@ from service.domain.operations import (
     ReplaceLayer,
     RestoreRegion,
     SetDrawing,
+    SetLayers,
     SetRecipe,
     ShiftLayer,
     ShowLayer,
     apply_all,
+    effective,
 )
 from service.domain.recipe import Recipe
 from service.domain.region import Region
+from service.domain.together import overlap
 from service.domain.transform import Transform
 
 HERE = pose_of(Transform.from_xyz_yaw(1.0, 2.0, 0.0, 0.5).tolist())
@@ -125,7 +127,14 @@ def test_what_is_not_there_is_refused_by_name() -> None:
         (ShiftLayer("lyr_0", x_m=1.0), RenameLayer("lyr_0", "press"), {"layer.lyr_0"}),
         (AddLayer(a_layer(8)), AddLayer(a_layer(9)), set()),
         (SetRecipe({"floor": True}), SetRecipe({"ceiling": True}), set()),
-        (SetRecipe({"floor": True}), SetRecipe({"floor": True}), {"recipe.floor"}),
+        (SetRecipe({"floor": True}), SetRecipe({"floor": True}), set()),
+        (SetRecipe({"voxel_size_m": 0.1}), SetRecipe({"voxel_size_m": 0.2}), {"recipe.voxel_size_m"}),
+        (RemoveLayer("lyr_0"), RemoveLayer("lyr_0"), set()),
+        (
+            SetLayers((a_layer(1), a_layer(0), a_layer(2))),
+            SetLayers((a_layer(2), a_layer(0), a_layer(1))),
+            {"order"},
+        ),
         (
             SetDrawing(BaseReading("drw_2", "b" * 64, {})),
             SetRecipe({"map_from_drawing": {"x_m": 1.0, "y_m": 0.0, "yaw_rad": 0.0}}),
@@ -138,13 +147,24 @@ def test_two_changes_of_one_state_overlap_where_they_are_about_the_same(
     yours: Operation, theirs: Operation, shared: set[str]
 ) -> None:
     base = a_state()
-    mine, others = (differences(base, one.apply(base)) for one in (yours, theirs))
-    assert overlap(mine, others) == overlap(others, mine) == shared
+    mine, others = (one.apply(base) for one in (yours, theirs))
+    assert overlap(base, mine, others) == overlap(base, others, mine) == shared
 
 
 def test_the_same_scan_twice_is_an_overlap() -> None:
     base = a_state()
     twice = LayerState("lyr_other", "n", "scn_9", "plc_other", None, HERE)
-    mine, others = (differences(base, AddLayer(one).apply(base)) for one in (a_layer(9), twice))
-    assert overlap(mine, others) == {"scan.scn_9"}
-    assert subjects(mine) == {"layer.lyr_9", "scan.scn_9"}
+    mine, others = (AddLayer(one).apply(base) for one in (a_layer(9), twice))
+    assert overlap(base, mine, others) == {"scan.scn_9"}
+    assert subjects(differences(base, mine)) == {"layer.lyr_9", "scan.scn_9"}
+
+
+def test_of_what_is_asked_only_what_changes_something_is_kept() -> None:
+    form: list[Operation] = [
+        SetDrawing(READING),
+        SetRecipe({**Recipe().to_json(), "floor": True}),
+        ShowLayer("lyr_0", visible=True),
+        SetLayers(a_state().layers),
+        RenameLayer("lyr_1", "press"),
+    ]
+    assert effective(a_state(), form) == [SetRecipe({"floor": True}), RenameLayer("lyr_1", "press")]

@@ -105,7 +105,7 @@ class DifferenceOut(Output):
     """One thing in which two states of a map differ."""
 
     subject: str = Field(
-        description="`drawing`, `recipe.<field>`, `layer.<id>`, `scan.<id>` or `region.<id>`."
+        description="`drawing`, `recipe.<field>`, `layer.<id>`, `scan.<id>`, `order` or `region.<id>`."
     )
     change: str
     message: str
