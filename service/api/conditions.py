@@ -4,9 +4,16 @@ from __future__ import annotations
 
 import re
 
+from starlette.requests import Request
+
 _TAG = re.compile(r'\s*(W/)?"([\x21\x23-\x7e\x80-\xff]*)"\s*(?:,|$)')
 _RANGE = re.compile(r"bytes\s*=\s*(\d*)\s*-\s*(\d*)\s*", re.IGNORECASE)
 _MOST_DIGITS = 18
+
+
+def listed(request: Request, name: str) -> str | None:
+    """Return a header that is a list, its lines put together; None where it did not come."""
+    return ", ".join(request.headers.getlist(name)) if name in request.headers else None
 
 
 def none_match(header: str | None, tag: str) -> bool:

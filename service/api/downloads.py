@@ -13,7 +13,8 @@ from fastapi import HTTPException, Request
 from fastapi.responses import Response, StreamingResponse
 
 from service.api.codings import takes
-from service.api.conditions import none_match, one_range, range_applies
+from service.api.conditions import listed, match, none_match, one_range, range_applies
+from service.domain.errors import FileIsAnother
 from service.usecases.download import CodedForm, StoredFile
 
 _CHUNK_BYTES = 512 * 1024
@@ -76,17 +77,22 @@ def send_file(
 
     Raises
     ------
+    FileIsAnother
+        If `If-Match` names neither the file nor the form of it that is due.
     HTTPException
         416, if the range asked for lies outside of the file.
     """
-    held = request.headers.get("if-none-match")
+    wanted, held = listed(request, "if-match"), listed(request, "if-none-match")
     form = _chosen_form(request, file)
     headers = {
         "Cache-Control": caching,
         "Unencoded-Digest": _digest(file.sha256),
         "Vary": "Accept-Encoding, Available-Dictionary",
     }
-    for tag in [file.sha256] if form is None else [file.sha256, form.sha256]:
+    tags = [file.sha256] if form is None else [file.sha256, form.sha256]
+    if wanted is not None and not any(match(wanted, tag) for tag in tags):
+        raise FileIsAnother("The file is not the one that If-Match names.", etag=f'"{tags[-1]}"')
+    for tag in tags:
         if not none_match(held, tag):
             return Response(status_code=304, headers={**headers, **_named(tag)})
     headers |= {

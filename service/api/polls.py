@@ -51,7 +51,7 @@ class Polls:
         headers = dict(scope["headers"])
         held, presented = headers.get(b"if-none-match"), _BEARER.fullmatch(headers.get(b"authorization", b""))
         tag = None
-        if held is not None and presented is not None:
+        if held is not None and presented is not None and b"if-match" not in headers:
             tag = await self.polling.tag(presented[1].decode("ascii"), *asked)
         if held is None or tag is None or none_match(held.decode("latin-1"), tag):
             await self.app(scope, receive, send)

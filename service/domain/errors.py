@@ -331,6 +331,15 @@ class PointerMoved(Conflict):
     title = "The published revision has changed"
 
 
+class FileIsAnother(Conflict):
+    """The file is not the one that `If-Match` names; `etag` is what it has now.
+
+    Ask again without `If-Match`, and for all of it: parts of the other file do not go with this one.
+    """
+
+    title = "The file is another one"
+
+
 class RolloutUnderWay(Conflict):
     """The channel has a roll-out that has not ended: until then it decides what the robots have.
 
@@ -416,6 +425,15 @@ class TusVersionUnsupported(Rejected):
     """The request has no `Tus-Resumable: 1.0.0`, the one version of the protocol that is spoken here."""
 
     title = "This version of tus is not spoken here"
+
+
+class TusExtensionNotOffered(Rejected):
+    """A header of the request belongs to an extension of tus that is not offered here: `extension` names it.
+
+    `OPTIONS /v1/tus` lists in `Tus-Extension` what is offered. Send the file as one upload of known length.
+    """
+
+    title = "This extension of tus is not offered here"
 
 
 class FileEmpty(Rejected):

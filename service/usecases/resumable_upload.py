@@ -43,12 +43,15 @@ class Announced:
         What the sender calls it.
     options : dict
         Of a drawing: ``scale`` and ``page``; of a scan: ``rough_pose``, ``up``, ``unit``.
+    metadata : str, optional
+        All of it as it was sent, told again to whoever asks.
     """
 
     map_id: str
     purpose: Purpose
     file_name: str
     options: Mapping[str, Any]
+    metadata: str | None = None
 
 
 def begin_upload(
@@ -90,6 +93,7 @@ def begin_upload(
             "kind": announced.purpose.value,
             "file_name": announced.file_name,
             "options": dict(announced.options),
+            "metadata": announced.metadata,
         },
         created_at=now,
         created_by=actor.key_id,

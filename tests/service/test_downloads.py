@@ -12,7 +12,7 @@ import pytest
 
 from service.api.conditions import match, none_match, one_range, range_applies
 from tests.server import ClientFor, Server
-from tests.service.asking import a_map, ok, refused
+from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import CLOUD, ByHand
 
 MIB = 1024 * 1024
@@ -70,6 +70,47 @@ def test_who_has_it_is_told_so(file: File, header: str) -> None:
     assert answer.headers["etag"] == ETAG
     head = file.robot.head(file.path, headers={"If-None-Match": header})
     assert head.status_code == 304
+
+
+@pytest.mark.parametrize("header", [ETAG, f'"x", {ETAG}', "*"])
+def test_who_wants_this_file_alone_gets_it(file: File, header: str) -> None:
+    assert file.get(If_Match=header).content == CLOUD
+    assert file.get(If_Match=header, Range="bytes=5-9").content == CLOUD[5:10]
+    assert file.get(If_Match=header, If_None_Match=ETAG).status_code == 304
+    coded = file.get(If_Match=header, Accept_Encoding="zstd, gzip")
+    assert coded.status_code == 200
+    assert file.get(If_Match=coded.headers["etag"], Accept_Encoding="zstd, gzip").status_code == 200
+
+
+@pytest.mark.parametrize("header", ['"x"', f"W/{ETAG}", SHA, "", f'"x{SHA}"', f'"x" {ETAG}'])
+@pytest.mark.parametrize(
+    "more", [{}, {"Range": "bytes=0-0"}, {"Range": "bytes=9999999-"}, {"If_None_Match": "*"}]
+)
+def test_who_wants_another_file_is_told_so(file: File, header: str, more: dict[str, str]) -> None:
+    problem = refused(file.get(If_Match=header, **more), 412, "file-is-another")
+    assert problem["etag"] == ETAG
+    named = {name.replace("_", "-"): value for name, value in more.items()}
+    head = file.robot.head(file.path, headers={"If-Match": header, **named})
+    assert (head.status_code, head.content) == (412, b"")
+
+
+def test_conditions_on_several_lines_are_one_list(file: File) -> None:
+    for name, status in (("If-Match", 200), ("If-None-Match", 304)):
+        lines = [(name, '"x"'), (name, ETAG), ("Accept-Encoding", "identity")]
+        assert file.robot.get(file.path, headers=lines).status_code == status
+
+
+def test_every_download_knows_if_match(admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = a_map(admin)
+    n = a_ready_revision(admin, by_hand, map_id)
+    place = f"/v1/maps/{map_id}/revisions/{n}"
+    signed = ok(admin.get(f"{place}/link", params={"path": "point-cloud.pcd"}))["url"]
+    paths = [f"{place}/artifacts/{row['path']}" for row in ok(admin.get(f"{place}/artifacts"))["items"]]
+    assert len(paths) > 1
+    for path in [*paths, signed]:
+        refused(admin.get(path, headers={"If-Match": '"x"'}), 412, "file-is-another")
+        etag = admin.get(path, headers={"Accept-Encoding": "identity"}).headers["etag"]
+        assert admin.get(path, headers={"If-Match": etag}).status_code == 200
 
 
 @pytest.mark.parametrize("header", ['"x"', SHA, "", '"', f"x{ETAG}", f'"x" {ETAG}'])

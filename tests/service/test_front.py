@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import secrets
 from collections.abc import Iterator
@@ -58,7 +59,7 @@ def clients(fronts: tuple[Server, Front]) -> Iterator[tuple[httpx.Client, httpx.
         {"If-None-Match": f'"{hashlib.sha256(BIG).hexdigest()}"'},
         {"If-None-Match": '"another"'},
         {"If-Modified-Since": "Fri, 01 Jan 2100 00:00:00 GMT"},
-        {"If-Match": '"another"'},
+        {"If-Match": f'"{hashlib.sha256(BIG).hexdigest()}"'},
         {"Range": "bytes=9000000-"},
     ],
     ids=str,
@@ -71,6 +72,13 @@ def test_the_front_answers_as_the_service_does(
         request = {"method": method, "headers": {"Accept-Encoding": "identity", **headers}}
         told, wanted = (_raw(client, f"{files}/point-cloud.pcd", request) for client in (front, direct))
         assert told == wanted
+
+
+def test_another_file_than_is_wanted_is_refused(clients: tuple[httpx.Client, httpx.Client, str]) -> None:
+    for client in clients[:2]:
+        answer = client.get(f"{clients[2]}/point-cloud.pcd", headers={"If-Match": '"another"'})
+        assert answer.status_code == 412
+        assert answer.json()["type"].endswith("/problems/file-is-another")
 
 
 def _raw(client: httpx.Client, path: str, request: dict[str, object]) -> tuple[int, dict[str, str], bytes]:
@@ -122,3 +130,15 @@ def test_pieces_of_uploads_have_a_connection_each(clients: tuple[httpx.Client, h
     assert answer.headers["tus-resumable"] == "1.0.0"
     assert answer.headers["connection"] == "close"
     assert client.get("/v1/maps").headers.get("connection") != "close"
+
+
+def test_long_metadata_of_an_upload_passes_both_ways(clients: tuple[httpx.Client, httpx.Client, str]) -> None:
+    _, front, files = clients
+    said = {"map_id": files.split("/")[3], "kind": "scan", "note": "n" * 5900}
+    metadata = ",".join(f"{key} {base64.b64encode(text.encode()).decode()}" for key, text in said.items())
+    assert 7900 < len(metadata) < 8100
+    told = {"Tus-Resumable": "1.0.0", "Upload-Length": "9", "Upload-Metadata": metadata}
+    made = front.post("/v1/tus", headers=told)
+    assert made.status_code == 201, made.text
+    head = front.head(httpx.URL(made.headers["location"]).path, headers=told)
+    assert (head.status_code, head.headers["upload-metadata"]) == (200, metadata)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 from collections.abc import Iterator
 from typing import Any
 
@@ -45,6 +46,28 @@ def test_every_operation_is_described() -> None:
         succeeded = [status for status in operation["responses"] if status.startswith("2")]
         assert succeeded, name
     assert "HTTPValidationError" not in DOCUMENT["components"]["schemas"]
+
+
+def _models(part: Any) -> Iterator[str]:
+    """Give the title of every object with properties, wherever in the document it stands."""
+    if isinstance(part, dict):
+        if "properties" in part and isinstance(part.get("title"), str):
+            yield part["title"]
+        part = list(part.values())
+    if isinstance(part, list):
+        for inner in part:
+            yield from _models(inner)
+
+
+def test_no_two_schemas_share_a_title() -> None:
+    schemas = DOCUMENT["components"]["schemas"]
+    as_classes = [re.sub(r"\W|_", "", body["title"]).lower() for body in schemas.values()]
+    assert len(set(as_classes)) == len(schemas)
+    assert not [name for name in schemas if "__" in name], (
+        "FastAPI tells classes of one name apart by modules"
+    )
+    titles = list(_models(DOCUMENT))
+    assert sorted(titles) == sorted(set(titles))
 
 
 def test_every_post_takes_an_idempotency_key() -> None:

@@ -38,6 +38,12 @@ def test_a_robot_polls_and_is_told_what_changed(
     assert ok(back)["revision"] == first
     assert back.headers["etag"] not in {etag, moved.headers["etag"]}
     assert robot.head(where).headers["etag"] == back.headers["etag"]
+    now = back.headers["etag"]
+    for held in ({}, {"If-None-Match": now}):
+        gone = robot.get(where, headers={"If-Match": moved.headers["etag"], **held})
+        assert refused(gone, 412, "pointer-moved")["revision"] == first
+    assert ok(robot.get(where, headers={"If-Match": f'"x", {now}'}))["revision"] == first
+    assert robot.get(where, headers={"If-Match": now, "If-None-Match": now}).status_code == 304
 
 
 def test_publishing_what_is_published_changes_nothing(admin: httpx.Client, by_hand: ByHand) -> None:

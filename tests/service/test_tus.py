@@ -135,7 +135,7 @@ def test_options_need_no_key(server: Server) -> None:
     assert told == {
         "tus-resumable": "1.0.0",
         "tus-version": "1.0.0",
-        "tus-extension": "creation,expiration,termination,checksum",
+        "tus-extension": "creation,creation-with-upload,expiration,termination,checksum",
         "tus-max-size": str(server.settings.max_upload_bytes),
         "tus-checksum-algorithm": "sha1,sha256",
     }

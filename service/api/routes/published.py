@@ -8,12 +8,13 @@ from fastapi import APIRouter, Header, Query, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import Presented
-from service.api.conditions import none_match
+from service.api.conditions import listed, match, none_match
 from service.api.deps import MapId
 from service.api.polling import Polling
 from service.api.polls import POINTER_CACHING
 from service.api.problems import base_url_of
 from service.api.schemas.revisions import Channel, PublishedOut
+from service.domain.errors import PointerMoved
 from service.usecases.kernel import Kernel
 from service.usecases.polling import Polled, poll
 from service.usecases.publish import published
@@ -59,6 +60,9 @@ def _from_database(
     kernel: Kernel = request.app.state.kernel
     with kernel.db.reading() as session:
         found = poll(session, secret, map_id=place[0], channel=place[1], now=kernel.now())
+        wanted = listed(request, "if-match")
+        if wanted is not None and not match(wanted, found.tag):
+            raise PointerMoved("The channel is not where If-Match says.", revision=found.n)
         if not none_match(if_none_match, found.tag):
             return found, Response(status_code=304, headers=_headers(found.tag))
         told = PublishedOut.of(published(session, found.pointer, n=found.n), base_url=base_url_of(request))

@@ -16,8 +16,16 @@ from starlette.concurrency import run_in_threadpool
 from service.api import problems
 from service.api.auth import TabletActor
 from service.api.deps import IdempotencyKey, KernelDep, Limits, LimitsDep, idempotent, request_digest, respond
-from service.api.schemas.tus import announced_of, count_of, invalid_header
-from service.api.streams import UNLIMITED, batches, refuse_by_length
+from service.api.pieces import PIECE, Piece, append_body, has_piece, require_offset
+from service.api.schemas.tus import (
+    EXTENSIONS,
+    VERSION,
+    announced_of,
+    count_of,
+    invalid_header,
+    require_offered,
+)
+from service.api.streams import UNLIMITED, refuse_by_length
 from service.db.models import Upload
 from service.domain.access import Actor
 from service.domain.checksum import ALGORITHMS, Checksum
@@ -27,24 +35,17 @@ from service.domain.errors import (
     TusVersionUnsupported,
     UnsupportedMedia,
     UploadBusy,
-    UploadOffsetMismatch,
 )
-from service.storage.pieces import Appender, PieceStore
+from service.storage.pieces import PieceStore
 from service.usecases.answer import Answered, IdempotentRequest, answer_once
 from service.usecases.kernel import Kernel
 from service.usecases.resumable_upload import (
     Announced,
     begin_upload,
-    check_beginning,
     finish_upload,
     own_upload,
     terminate_upload,
 )
-
-_VERSION = "1.0.0"
-_EXTENSIONS = "creation,expiration,termination,checksum"
-_PIECE = "application/offset+octet-stream"
-_SILENCE_S = 15.0
 
 
 class _TusRoute(APIRoute):
@@ -63,10 +64,12 @@ class _TusRoute(APIRoute):
             except DomainError as error:
                 response = problems.answer(error, base_url=problems.base_url_of(request))
                 if isinstance(error, TusVersionUnsupported):
-                    response.headers["Tus-Version"] = _VERSION
+                    response.headers["Tus-Version"] = VERSION
                 if isinstance(error, UploadBusy):
                     response.headers["Retry-After"] = str(error.members["retry_after_s"])
-            response.headers["Tus-Resumable"] = _VERSION
+                if "location" in error.members:
+                    response.headers["Location"] = error.members["location"]
+            response.headers["Tus-Resumable"] = VERSION
             response.headers["Cache-Control"] = "no-store"
             response.headers["Connection"] = "close"
             return response
@@ -74,23 +77,24 @@ class _TusRoute(APIRoute):
         return speak_tus
 
 
-def _require_version(
+def _require_spoken(
     request: Request,
     tus_resumable: Annotated[
-        str | None, Header(description="Version of the protocol.", examples=[_VERSION])
+        str | None, Header(description="Version of the protocol.", examples=[VERSION])
     ] = None,
 ) -> None:
-    if request.method != "OPTIONS" and tus_resumable != _VERSION:
+    if request.method != "OPTIONS" and tus_resumable != VERSION:
         raise TusVersionUnsupported(
-            f"Send `Tus-Resumable: {_VERSION}`; the request has {tus_resumable!r}.", supported=[_VERSION]
+            f"Send `Tus-Resumable: {VERSION}`; the request has {tus_resumable!r}.", supported=[VERSION]
         )
+    require_offered(request.headers)
 
 
 router = APIRouter(
     prefix="/v1/tus",
     tags=["resumable uploads"],
     route_class=_TusRoute,
-    dependencies=[Depends(_require_version)],
+    dependencies=[Depends(_require_spoken)],
     max_body_size=UNLIMITED,
 )
 
@@ -130,7 +134,7 @@ def _creation(
         Header(
             description="Keys with base64 values, by commas: `map_id`, `kind` (`drawing` or `scan`),"
             " `filename`, `options` (JSON; of a drawing `scale` and `page`, of a scan `rough_pose`,"
-            " `up`, `unit`)."
+            " `up`, `unit`). Other keys are passed over."
         ),
     ] = None,
     idempotency_key: IdempotencyKey = None,
@@ -144,16 +148,7 @@ def _creation(
     )
 
 
-@dataclass(frozen=True)
-class _Piece:
-    """The headers of a piece."""
-
-    offset: int
-    checksum: Checksum | None
-
-
-def _piece(
-    upload_offset: Annotated[str | None, Header(description="Where the piece begins [bytes].")] = None,
+def _checksum(
     upload_checksum: Annotated[
         str | None,
         Header(
@@ -161,9 +156,15 @@ def _piece(
             examples=["sha1 Kq5sNclPz7QV2+lfQIuc6R7oRu0="],
         ),
     ] = None,
-) -> _Piece:
-    checksum = None if upload_checksum is None else Checksum(upload_checksum)
-    return _Piece(count_of("Upload-Offset", upload_offset), checksum)
+) -> Checksum | None:
+    return None if upload_checksum is None else Checksum(upload_checksum)
+
+
+def _piece(
+    checksum: Annotated[Checksum | None, Depends(_checksum)],
+    upload_offset: Annotated[str | None, Header(description="Where the piece begins [bytes].")] = None,
+) -> Piece:
+    return Piece(count_of("Upload-Offset", upload_offset), checksum)
 
 
 @router.options("", status_code=204)
@@ -171,36 +172,42 @@ def _piece(
 def describe_tus(limits: LimitsDep) -> Response:
     """Tell what this server speaks of tus: version, extensions, largest upload, checksums. Needs no key."""
     headers = {
-        "Tus-Version": _VERSION,
-        "Tus-Extension": _EXTENSIONS,
+        "Tus-Version": VERSION,
+        "Tus-Extension": ",".join(EXTENSIONS),
         "Tus-Max-Size": str(limits.max_upload_bytes),
         "Tus-Checksum-Algorithm": ",".join(ALGORITHMS),
     }
     return Response(status_code=204, headers=headers)
 
 
-@router.post("", status_code=201, max_body_size=0)
-def create_upload(
-    request: Request, desk: Desk, creation: Annotated[_Creation, Depends(_creation)]
+@router.post("", status_code=201, response_class=Response)
+async def create_upload(
+    request: Request,
+    desk: Desk,
+    creation: Annotated[_Creation, Depends(_creation)],
+    checksum: Annotated[Checksum | None, Depends(_checksum)],
 ) -> Response:
-    """Begin an upload in pieces; `Location` is where the pieces go, `Upload-Expires` until when."""
+    """Begin an upload in pieces; `Location` is where the pieces go, `Upload-Expires` until when.
 
-    def act(session: Session) -> Answered:
-        upload = begin_upload(
-            desk.kernel,
-            session,
-            desk.actor,
-            pieces=desk.pieces,
-            announced=creation.announced,
-            size_bytes=creation.size_bytes,
-            max_bytes=desk.limits.max_upload_bytes,
-            expiry_s=desk.limits.upload_expiry_s,
-        )
-        location = f"{problems.base_url_of(request)}{router.prefix}/{upload.id}"
-        return Answered(201, {"Location": location, **_expiry(upload)})
-
-    done = answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
-    return respond(done)
+    The body may be the first piece, or all of the file, of the content type
+    `application/offset+octet-stream`: `Upload-Offset` tells how much of it is stored, and the rest of the
+    answer is as that to a piece. Where it is refused, the upload has begun all the same: `Location` has it.
+    """
+    brings_piece = has_piece(request)
+    if brings_piece:
+        refuse_by_length(request, max_bytes=creation.size_bytes)
+    done = await run_in_threadpool(_begin, request, desk, creation)
+    answer = respond(done)
+    if brings_piece:
+        location = done.headers["Location"]
+        try:
+            upload = await run_in_threadpool(_find, desk, location.rpartition("/")[2])
+            first = Piece(0, checksum)
+            answer.headers.update(await _take_first(request, desk, upload, first))
+        except DomainError as error:
+            error.members["location"] = location
+            raise
+    return answer
 
 
 @router.head("/{upload_id}", status_code=200)
@@ -214,45 +221,36 @@ def find_offset(desk: Desk, upload_id: str) -> Response:
     bytes that are already here.
     """
     upload = _find(desk, upload_id)
-    offset = upload.size_bytes if upload.result is not None else desk.pieces.size_bytes(upload_id)
+    offset = _offset(desk, upload)
     headers = {"Upload-Length": str(upload.size_bytes)}
+    if metadata := upload.meta.get("metadata"):
+        headers["Upload-Metadata"] = metadata
     if offset == upload.size_bytes:
         with suppress(UploadBusy, Rejected):
             headers |= _finish(desk, upload)
     return _at(offset, upload, headers)
 
 
-@router.patch(
-    "/{upload_id}",
-    status_code=204,
-    openapi_extra={
-        "requestBody": {
-            "required": True,
-            "content": {_PIECE: {"schema": {"type": "string", "format": "binary"}}},
-        }
-    },
-)
+@router.patch("/{upload_id}", status_code=204)
 async def append_piece(
-    request: Request, desk: Desk, piece: Annotated[_Piece, Depends(_piece)], upload_id: str
+    request: Request, desk: Desk, piece: Annotated[Piece, Depends(_piece)], upload_id: str
 ) -> Response:
-    """Append a piece of any size, from `Upload-Offset` on.
+    """Append a piece of any size, from `Upload-Offset` on: the body, as `application/offset+octet-stream`.
 
     Without `Upload-Checksum` every byte counts that arrives, also of a piece that breaks off; with it the
     piece counts when its digest fits, or not at all (460). The answer to the last piece names in
     `Groundplan-Result` the drawing or scan that the upload has become, and in `Groundplan-Job` its job.
     """
-    if request.headers.get("content-type") != _PIECE:
-        raise UnsupportedMedia(f"A piece has the content type {_PIECE}.")
+    if not has_piece(request):
+        raise UnsupportedMedia(f"A piece has the content type {PIECE}.")
     upload = await run_in_threadpool(_find, desk, upload_id)
     offset = upload.size_bytes
     if upload.result is None:
-        offset = await _append(request, desk.pieces, upload, piece)
+        offset = await append_body(request, desk.pieces, upload, piece)
     else:
-        _require_offset(piece.offset, offset)
+        require_offset(piece.offset, offset)
         refuse_by_length(request, max_bytes=0)
-    headers = {}
-    if offset == upload.size_bytes:
-        headers = await run_in_threadpool(_finish, desk, upload)
+    headers = await run_in_threadpool(_finished, desk, upload, offset)
     return _at(offset, upload, headers, status=204)
 
 
@@ -274,7 +272,8 @@ async def override_method(request: Request, desk: Desk, upload_id: str) -> Respo
     """Do as PATCH or DELETE, for clients that can only POST and say so in `X-HTTP-Method-Override`."""
     method = request.headers.get("x-http-method-override", "").upper()
     if method == "PATCH":
-        piece = _piece(request.headers.get("upload-offset"), request.headers.get("upload-checksum"))
+        checksum = _checksum(request.headers.get("upload-checksum"))
+        piece = _piece(checksum, request.headers.get("upload-offset"))
         return await append_piece(request, desk, piece, upload_id)
     if method == "DELETE":
         return await run_in_threadpool(give_up_upload, desk, upload_id)
@@ -283,39 +282,44 @@ async def override_method(request: Request, desk: Desk, upload_id: str) -> Respo
     )
 
 
-async def _append(request: Request, pieces: PieceStore, upload: Upload, piece: _Piece) -> int:
-    """Return the new offset, after all bytes of the piece that count are on disk."""
-    opened = pieces.append(upload.id, max_bytes=upload.size_bytes)
-    appender = await run_in_threadpool(opened.__enter__)
-    try:
-        _require_offset(piece.offset, appender.size_bytes)
-        check_beginning(upload, appender)
-        refuse_by_length(request, max_bytes=upload.size_bytes - piece.offset)
-        await _take(request, appender, piece.checksum)
-        check_beginning(upload, appender)
-    finally:
-        await run_in_threadpool(opened.__exit__, None, None, None)
-    return appender.size_bytes
+def _begin(request: Request, desk: _Desk, creation: _Creation) -> Answered:
+    def act(session: Session) -> Answered:
+        upload = begin_upload(
+            desk.kernel,
+            session,
+            desk.actor,
+            pieces=desk.pieces,
+            announced=creation.announced,
+            size_bytes=creation.size_bytes,
+            max_bytes=desk.limits.max_upload_bytes,
+            expiry_s=desk.limits.upload_expiry_s,
+        )
+        location = f"{problems.base_url_of(request)}{router.prefix}/{upload.id}"
+        return Answered(201, {"Location": location, **_expiry(upload)})
+
+    return answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
 
 
-async def _take(request: Request, appender: Appender, checksum: Checksum | None) -> None:
-    def take(batch: bytes) -> None:
-        if checksum is None:
-            appender.write(batch)
-        else:
-            checksum.update(batch)
-            appender.write_aside(batch)
-
-    async for batch in batches(request, silence_s=_SILENCE_S):
-        await run_in_threadpool(take, batch)
-    if checksum is not None:
-        checksum.verify()
-        await run_in_threadpool(appender.accept)
+async def _take_first(request: Request, desk: _Desk, upload: Upload, piece: Piece) -> dict[str, str]:
+    """Return what is told of the piece that came with the creation; of a repeated one, what is stored."""
+    offset = await run_in_threadpool(_offset, desk, upload)
+    if offset == 0:
+        offset = await append_body(request, desk.pieces, upload, piece)
+    finished = await run_in_threadpool(_finished, desk, upload, offset)
+    return {"Upload-Offset": str(offset), **finished}
 
 
 def _find(desk: _Desk, upload_id: str) -> Upload:
     with desk.kernel.db.reading() as session:
         return own_upload(desk.kernel, session, desk.actor, upload_id=upload_id)
+
+
+def _offset(desk: _Desk, upload: Upload) -> int:
+    return upload.size_bytes if upload.result is not None else desk.pieces.size_bytes(upload.id)
+
+
+def _finished(desk: _Desk, upload: Upload, offset: int) -> dict[str, str]:
+    return _finish(desk, upload) if offset == upload.size_bytes else {}
 
 
 def _finish(desk: _Desk, upload: Upload) -> dict[str, str]:
@@ -326,14 +330,6 @@ def _finish(desk: _Desk, upload: Upload) -> dict[str, str]:
         "Groundplan-Result": f"/v1/{result['kind']}s/{result['id']}",
         "Groundplan-Job": f"/v1/jobs/{result['job_id']}",
     }
-
-
-def _require_offset(given: int, stored: int) -> None:
-    if given != stored:
-        raise UploadOffsetMismatch(
-            f"The piece begins at byte {given}, but {stored} bytes are stored; go on from there.",
-            upload_offset=stored,
-        )
 
 
 def _expiry(upload: Upload) -> dict[str, str]:

@@ -31,7 +31,7 @@ class MoveIn(Input):
     )
 
 
-class RegionIn(Input):
+class DrawingRegionIn(Input):
     """A polygon. `include`: nothing counts outside of it, or of another such; `exclude`: nothing inside.
 
     `erase-walls`: walls are cut away in it.
@@ -53,4 +53,4 @@ class AddWallIn(Input):
     )
 
 
-EditIn = Annotated[MoveIn | RegionIn | AddWallIn, Field(discriminator="action")]
+EditIn = Annotated[MoveIn | DrawingRegionIn | AddWallIn, Field(discriminator="action")]
