@@ -90,7 +90,7 @@ def _resolve(parts: SplitResult, *, allowed: Sequence[Network]) -> Address:
     host = parts.hostname or ""
     try:
         found = socket.getaddrinfo(host, parts.port or 0, type=socket.SOCK_STREAM)
-    except OSError as error:
+    except (OSError, UnicodeError) as error:  # UnicodeError: no name, as with a part of 64 letters
         raise NotSent(f"{host} leads to no address: {error}") from error
     addresses = [ipaddress.ip_address(str(entry[4][0]).partition("%")[0]) for entry in found]
     for address in addresses:

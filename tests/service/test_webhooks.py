@@ -221,6 +221,8 @@ def test_a_receiver_is_reached_at_a_checked_address_or_not_at_all(receiver: Rece
     assert receiver.letters == []
     assert post(by_name, body=b"{}", headers={}, allowed=parse_networks("127.0.0.1/32")) == 204
     assert receiver.letters[0].headers["host"].startswith("localhost:")
+    with pytest.raises(NotSent, match="leads to no address"):
+        post(f"http://{'a' * 64}.example/", body=b"{}", headers={}, allowed=())
     with pytest.raises(NotSent):
         post("http://127.0.0.1:9/", body=b"{}", headers={}, allowed=parse_networks("127.0.0.0/8"))
     with pytest.raises(NotSent, match=r"SSL|TLS|wrong version"):
