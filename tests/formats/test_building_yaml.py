@@ -20,7 +20,7 @@ from service.domain.errors import (
     PageNotFound,
     UnsupportedMedia,
 )
-from service.domain.scale import ScaleHint
+from service.domain.scale import KnownLength, ScaleHint
 from worker.formats.building_yaml import WALL_THICKNESS, load_building_yaml
 
 METRES_A_PIXEL = 0.02
@@ -89,11 +89,88 @@ def test_measurements_that_disagree_leave_the_scale_unknown(tmp_path: Path) -> N
     assert sum(w.length for w in told.walls) == pytest.approx(31.1)
 
 
-def test_one_measurement_counts_with_doors_of_a_usual_width(tmp_path: Path) -> None:
-    assert load_building_yaml(_write(tmp_path / "a.yaml", _level(measured=(1.0,)))).scale.state == "found"
-    alone = _level(measured=(1.0,))
-    alone["doors"] = []
-    assert load_building_yaml(_write(tmp_path / "b.yaml", alone)).scale.state == "unknown"
+@pytest.mark.parametrize("doors", [True, False])
+@pytest.mark.parametrize("factor", [1.0, 0.37, 12.0, 1000.0])
+def test_one_measurement_decides_also_against_doors(tmp_path: Path, factor: float, *, doors: bool) -> None:
+    level = _level(measured=(factor,))
+    if not doors:
+        level["doors"] = []
+    reading = load_building_yaml(_write(tmp_path / "b.yaml", level))
+    assert reading.scale.state == "found"
+    assert reading.scale.metres_per_unit == pytest.approx(METRES_A_PIXEL * factor, rel=1e-12)
+    assert reading.unit == "m"
+    said = {f.code for f in reading.findings}
+    assert ("scale-contradicted" in said) == (doors and not 0.55 <= 0.9 * factor <= 4.0)
+    assert "scale-unknown" not in said
+
+
+def test_the_same_length_given_beside_the_file_is_the_same_reading(tmp_path: Path) -> None:
+    inside = load_building_yaml(_write(tmp_path / "a.yaml", _level(measured=(1.0,))))
+    bare = _write(tmp_path / "b.yaml", _level(measured=()))
+    hint = ScaleHint(known_length=KnownLength(0.0, 0.0, 10.0 / METRES_A_PIXEL, 0.0, 10.0))
+    outside = load_building_yaml(bare, hint=hint)
+    assert outside.scale.state == "given"
+    assert outside.scale.metres_per_unit == pytest.approx(inside.scale.metres_per_unit, rel=1e-12)
+    for one, other in zip(outside.walls, inside.walls, strict=True):
+        assert np.allclose(one.centre, other.centre, atol=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("measured", "value"),
+    [
+        ((1.0, 1.0, 1.0), 1.0),
+        ((1.0, 1.0, 3.0), 1.0),
+        ((3.0, 1.0, 1.0), 1.0),
+        ((1.0, 3.0), None),
+        ((1.0, 1.0, 3.0, 3.0), None),
+        ((1.0, 2.0, 3.0), None),
+        ((1.0, 10.0), 1.0),  # of the two, doors of 0.9 m speak for one, doors of 9 m for none
+    ],
+)
+def test_of_several_measurements_most_decide(
+    tmp_path: Path, measured: tuple[float, ...], value: float | None
+) -> None:
+    level = _level(measured=())
+    level["measurements"] = [
+        [a, b, {"distance": [3, length * factor]}]
+        for (a, b, length), factor in zip(
+            [(0, 3, 10.0), (3, 4, 6.0), (4, 5, 10.0), (5, 0, 6.0)], measured, strict=False
+        )
+    ]
+    reading = load_building_yaml(_write(tmp_path / "b.yaml", level))
+    if value is None:
+        assert (reading.scale.state, reading.unit) == ("unknown", "px")
+        assert {round(c / METRES_A_PIXEL, 6) for c in reading.scale.candidates} == set(measured)
+        return
+    assert reading.scale.metres_per_unit == pytest.approx(value * METRES_A_PIXEL)
+    compared = next(f for f in reading.findings if f.code == "measurements-compared")
+    assert (compared.severity == "warning") == (len(set(measured)) > 1)
+
+
+def test_each_level_has_the_scale_of_its_own_measurement(tmp_path: Path) -> None:
+    path = tmp_path / "b.yaml"
+    levels = {f"L{k}": _level(0.01 * k, measured=(1.0,) if k < 4 else ()) for k in (1, 2, 3, 4)}
+    levels["L4"]["doors"] = []
+    path.write_text(yaml.safe_dump({"levels": levels}, sort_keys=False))
+    scales = [load_building_yaml(path, page=k).scale for k in (1, 2, 3, 4)]
+    assert [s.metres_per_unit for s in scales[:3]] == pytest.approx([0.01, 0.02, 0.03])
+    assert (scales[3].state, scales[3].candidates) == ("unknown", ())
+
+
+@pytest.mark.parametrize(
+    "empty", [[0, 3, {"distance": [3, 0.0]}], [0, 3, {"distance": -2}], [0, 0, {"distance": 5}]]
+)
+def test_a_measurement_of_nothing_is_left_out_and_told(tmp_path: Path, empty: list[Any]) -> None:
+    level = _level(measured=(1.0,))
+    level["measurements"].insert(0, empty)
+    reading = load_building_yaml(_write(tmp_path / "b.yaml", level))
+    assert reading.scale.metres_per_unit == pytest.approx(METRES_A_PIXEL)
+    told = {f.code: f for f in reading.findings}
+    assert told["measurements-empty"].members == {"count": 1}
+    assert told["measurements-compared"].members["deviations"] == [0.0]
+    level["measurements"] = [empty]
+    alone = load_building_yaml(_write(tmp_path / "c.yaml", level))
+    assert (alone.scale.state, alone.scale.candidates) == ("unknown", ())
 
 
 def test_metres_are_metres_and_degrees_are_projected(tmp_path: Path) -> None:
@@ -158,7 +235,6 @@ def test_aliases_are_refused_before_they_unfold(tmp_path: Path) -> None:
         ("levels: {L1: {vertices: [[1, 1e300, 0]], walls: []}}\n", FileMalformed),
         ("levels: {L1: {vertices: [[1, 2, 0]], walls: [[0, 1]]}}\n", FileMalformed),
         ("levels: {L1: {vertices: [[1, 2, 0]], walls: [[0, -1]]}}\n", FileMalformed),
-        ("levels: {L1: {vertices: [[0, 0], [1, 0]], measurements: [[0, 1, {distance: 0}]]}}", FileMalformed),
         ("levels: {L1: {vertices: [[0, 0], [1, 0]], measurements: [[0, 1, {}]]}}\n", FileMalformed),
         ("coordinate_system: web_mercator\nlevels: {L1: {}}\n", UnsupportedMedia),
         ("levels: " + "[" * 100 + "]" * 100, DrawingTooComplex),

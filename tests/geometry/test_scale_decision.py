@@ -131,3 +131,21 @@ def test_another_unit_of_length_changes_nothing(said: list[tuple[float, int]], f
     assert (one.metres_per_unit or math.nan) * factor == pytest.approx(
         other.metres_per_unit or math.nan, nan_ok=True
     )
+
+
+def test_a_length_written_into_the_file_decides_alone() -> None:
+    against = [exact("dimension-text", 0.02, 50), exact("title-block", 0.02), Witness("extent", 1.0, 2.0, "")]
+    scale = decide([exact("measured-length", 0.01), *against])
+    assert (scale.state, scale.metres_per_unit, scale.candidates) == ("found", 0.01, (0.01,))
+    assert len(contradictions(scale)) == len(against)
+    assert decide([exact("measured-length", 0.01)]).state == "found"
+    assert decide([exact("measured-length", 0.01)], vetoed=True).state == "unknown"
+
+
+def test_of_two_such_lengths_the_rest_decides() -> None:
+    two = [exact("measured-length", 0.01), exact("measured-length", 0.03)]
+    assert decide(two).state == "unknown"
+    assert set(decide(two).candidates) == {0.01, 0.03}
+    assert decide([*two, exact("title-block", 0.03)]).metres_per_unit == 0.03
+    assert decide([*two, exact("title-block", 0.02)]).state == "unknown"
+    assert decide([*two, exact("measured-length", 0.0302)]).metres_per_unit == pytest.approx(0.0301, abs=1e-4)

@@ -75,6 +75,12 @@ class _Level:
         ends = self.vertices[edges]
         return np.asarray(np.hypot(*(ends[:, 1] - ends[:, 0]).T), dtype=np.float64)
 
+    def measurements(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Return what was measured, drawn [units] and real [m]; without those that measure nothing."""
+        drawn = self.span(self.measured)
+        usable = (drawn > 0.0) & (self.lengths > 0.0)
+        return drawn[usable], self.lengths[usable]
+
 
 def load_building_yaml(
     path: Path,
@@ -270,14 +276,8 @@ def _lengths(value: dict[str, Any], where: str) -> NDArray[np.float64]:
     out = []
     for number, row in enumerate(_list(value, "measurements", where)):
         said = row[2].get("distance") if len(row) > 2 and isinstance(row[2], dict) else None
-        length = _number(
-            said[-1] if isinstance(said, list) and said else said, f"measurement {number} of {where}"
-        )
-        if not length > 0.0:
-            raise FileMalformed(
-                f"Measurement {number} of {where} is {length:g} m long; a distance is positive."
-            )
-        out.append(length)
+        length = said[-1] if isinstance(said, list) and said else said
+        out.append(_number(length, f"measurement {number} of {where}"))
     return np.array(out, dtype=np.float64)
 
 
@@ -300,17 +300,17 @@ def _scale(level: _Level, system: str, hint: ScaleHint | None) -> Scale:
         )
         witnesses.append(Witness("file-unit", 1.0, 1.0, f"The file's coordinates are {system}: metres."))
         return decide(witnesses, hint=hint, units=tuple(USUAL_UNITS.values()))
-    drawn = level.span(level.measured)
-    usable = drawn > 0.0
-    drawn, lengths = drawn[usable], level.lengths[usable]
+    drawn, lengths = level.measurements()
     witnesses += [
         Witness(
-            "dimension-text", real / d, real / d, f"A measurement in the file: {real:g} m over {d:.1f} units."
+            "measured-length",
+            real / d,
+            real / d,
+            f"A measurement in the file: {real:g} m over {d:.1f} units.",
         )
         for d, real in zip(drawn.tolist(), lengths.tolist(), strict=True)
     ]
-    units = (float(lengths[0] / drawn[0]),) if len(drawn) == 1 else ()
-    scale = decide(witnesses, hint=hint, units=units)
+    scale = decide(witnesses, hint=hint)
     if scale.state != "found" or scale.metres_per_unit is None:
         return scale
     fits = np.abs(lengths / drawn / scale.metres_per_unit - 1.0) <= AGREEMENT
@@ -354,9 +354,21 @@ def _findings(level: _Level, system: str, scale: Scale) -> list[Finding]:
             "taken, as Open-RMF's own tools do.",
         )
     ]
-    drawn = level.span(level.measured)
-    if system == _IMAGE and scale.metres_per_unit is not None and len(drawn):
-        off = level.lengths / np.maximum(drawn, 1e-9) / scale.metres_per_unit - 1.0
+    if system != _IMAGE:
+        return out
+    drawn, lengths = level.measurements()
+    if empty := len(level.lengths) - len(lengths):
+        out.append(
+            Finding(
+                "measurements-empty",
+                "warning",
+                f"{empty} of the file's {len(level.lengths)} measurements are left out: they have no length "
+                "above 0, or join two vertices in the same place.",
+                {"count": empty},
+            )
+        )
+    if scale.metres_per_unit is not None and len(drawn):
+        off = lengths / drawn / scale.metres_per_unit - 1.0
         worst = float(np.abs(off).max())
         out.append(
             Finding(

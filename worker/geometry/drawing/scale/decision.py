@@ -15,7 +15,8 @@ AGREEMENT = 0.02
 USUAL_UNITS = {"mm": 0.001, "cm": 0.01, "m": 1.0, "in": 0.0254, "ft": 0.3048}
 """Units that buildings are drawn in [m]."""
 
-_EACH_COUNTS = frozenset({"dimension-text", "scale-bar", "given-length"})
+_STATED = "measured-length"
+_EACH_COUNTS = frozenset({"dimension-text", "scale-bar", "given-length", _STATED})
 _ENOUGH, _OUTNUMBERED = 2, 3
 _MOST_CANDIDATES, _MOST_REMARKS, _MOST_HEARD = 12, 8, 200
 
@@ -29,7 +30,8 @@ class Witness:
     Parameters
     ----------
     kind : str
-        ``given-length``, ``given-ratio``, ``given-unit`` (a person said it); ``file-unit``, ``page-measure``,
+        ``given-length``, ``given-ratio``, ``given-unit`` (a person said it); ``measured-length`` (a person
+        wrote it into the file, to scale it by); ``file-unit``, ``page-measure``,
         ``title-block``, ``dimension-text``, ``scale-bar`` (the sheet says it); ``door-arcs``,
         ``wall-spacing``, ``extent`` (buildings are like that).
     low, high : float
@@ -122,8 +124,9 @@ def decide(
     ----------
     witnesses : sequence of Witness
         Everybody who was heard, in any order; of more than 200 an even selection over their values. Each
-        of kind `dimension-text`, `scale-bar` or `given-length` counts as often as its `count` says (so many
-        different dimensions); all others of one kind are one voice, since they repeat each other.
+        of kind `measured-length`, `dimension-text`, `scale-bar` or `given-length` counts as often as its
+        `count` says (so many different dimensions); all others of one kind are one voice, since they repeat
+        each other.
     hint : ScaleHint, optional
         What a person said: it wins, and the witnesses are only compared with it (`contradictions`).
     units : sequence of float
@@ -138,7 +141,8 @@ def decide(
     Scale
         `found` where at least two voices agree within 2 % and no other camp stands against them: for each
         rival scale, more voices speak for the found one alone than for the rival alone; three times as many
-        where the rival has two or more.
+        where the rival has two or more. Where there is a `measured-length`, such alone name scales: one is
+        enough, since its writer scaled the file by it, and of several the others speak for one or another.
 
     Raises
     ------
@@ -258,9 +262,14 @@ def _ranked(witnesses: tuple[Witness, ...], units: Sequence[float]) -> tuple[flo
     if units:
         named = [u for u in units if any(w.allows(u) for w in witnesses)]
     else:
-        named = _centres([w for w in witnesses if w.exact])
+        named = _centres([w for w in _naming(witnesses) if w.exact])
     order = sorted(named, key=lambda c: (-_votes(w for w in witnesses if w.allows(c)), c))
     return tuple(order[:_MOST_CANDIDATES])
+
+
+def _naming(witnesses: tuple[Witness, ...]) -> tuple[Witness, ...]:
+    """Return the witnesses that name scales: lengths that a person wrote into the file, else everybody."""
+    return tuple(w for w in witnesses if w.kind == _STATED) or witnesses
 
 
 def _centres(exact: list[Witness]) -> list[float]:
@@ -292,10 +301,11 @@ def _median(group: list[Witness]) -> float:
 
 def _prevails(best: float, witnesses: tuple[Witness, ...], units: Sequence[float]) -> bool:
     """Return whether enough voices name a scale, and no camp stands against it."""
-    naming = [w for w in witnesses if w.allows(best) and (units or w.exact)]
-    if _votes(naming) < _ENOUGH:
+    names = _naming(witnesses)
+    stated = any(w.kind == _STATED for w in names)
+    if _votes(w for w in names if w.allows(best) and (units or w.exact)) < (1 if stated else _ENOUGH):
         return False
-    rivals = list(units) or [w.value for w in witnesses]
+    rivals = list(units) or [w.value for w in names]
     rivals = [r for r in rivals if not best / (1 + AGREEMENT) <= r <= best * (1 + AGREEMENT)]
     for rival in rivals:
         own = _votes(w for w in witnesses if w.allows(best) and not w.allows(rival))
