@@ -7,6 +7,7 @@ from typing import Any
 from alembic import context
 
 from service.db.models import Base
+from service.db.schema import stepping
 from service.db.session import open_engine
 from service.settings import Settings
 
@@ -36,7 +37,7 @@ def _main() -> None:
         _run(given)
         return
     engine = open_engine(Settings().url())
-    with engine.begin() as connection:
+    with stepping(engine) as connection:
         _run(connection)
     engine.dispose()
 

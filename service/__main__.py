@@ -19,7 +19,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from service import crash_points, logs
 from service.app import SchemaNotCurrent, create_app, open_kernel, require_schema
-from service.db.schema import upgrade
+from service.db.schema import ReferencesBroken, upgrade
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
 from service.settings import Settings
@@ -65,7 +65,7 @@ def main(argv: list[str] | None = None) -> int:
         status: int = args.run(settings, args)
     except DomainError as refusal:
         return _refuse(args, f"{refusal.slug()}: {refusal.detail}")
-    except (SchemaNotCurrent, OSError, ValueError) as error:
+    except (SchemaNotCurrent, ReferencesBroken, OSError, ValueError) as error:
         return _refuse(args, str(error))
     except SQLAlchemyError as error:
         return _refuse(args, str(error).splitlines()[0])

@@ -36,6 +36,10 @@ class PostgresServer:
         """Return a URL of the database; `driver` "postgresql" makes it one for libpq."""
         return f"{driver}://groundplan@/{database}?host={self.folder}"
 
+    def program(self, name: str) -> Path:
+        """Return one of the programs of this server's version: pg_dump, psql."""
+        return _programs() / name
+
     @contextmanager
     def database(self, *, template: str = "template0") -> Iterator[str]:
         """Give the URL of a new database, and drop it in the end, whoever is still connected."""

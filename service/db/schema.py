@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import re
+from collections import Counter
 from collections.abc import Iterator
 from contextlib import contextmanager
 from functools import cache
 from importlib import resources
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 from sqlalchemy import Connection, Engine, inspect, text
-from sqlalchemy.exc import IntegrityError
 
 if TYPE_CHECKING:
     from alembic.config import Config
@@ -28,13 +28,17 @@ def _config() -> Config:
     return config
 
 
+class ReferencesBroken(RuntimeError):
+    """Rows of an SQLite database refer to rows that are not there, so that its schema was left as it was."""
+
+
 @contextmanager
-def _stepping(engine: Engine) -> Iterator[Connection]:
+def stepping(engine: Engine) -> Iterator[Connection]:
     """Give a connection in one transaction in which a table may be rebuilt while others refer to it.
 
     Raises
     ------
-    IntegrityError
+    ReferencesBroken
         If a row refers to nothing after the steps (SQLite); everything is rolled back.
 
     Notes
@@ -49,23 +53,28 @@ def _stepping(engine: Engine) -> Iterator[Connection]:
             yield connection
         return
     with engine.connect() as connection:
-        raw = connection.connection.dbapi_connection
-        if raw is None:  # pragma: no cover - a connection that is open has one
-            raise ValueError("the connection is closed")
-        cursor = raw.cursor()
-        cursor.execute("PRAGMA foreign_keys=OFF")
+        driver: Any = connection.connection.dbapi_connection
+        driver.execute("PRAGMA foreign_keys=OFF")
         try:
             with connection.begin():
                 yield connection
-                broken = connection.exec_driver_sql("PRAGMA foreign_key_check").fetchall()
-                if broken:
-                    statement = "PRAGMA foreign_key_check"
-                    raise IntegrityError(
-                        statement, None, ValueError(f"rows that refer to nothing: {broken[:5]}")
-                    )
+                _check_references(connection)
         finally:
-            cursor.execute("PRAGMA foreign_keys=ON")
-            cursor.close()
+            driver.execute("PRAGMA foreign_keys=ON")
+
+
+def _check_references(connection: Connection) -> None:
+    broken = Counter(
+        (row[0], row[2]) for row in connection.exec_driver_sql("PRAGMA foreign_key_check").fetchall()
+    )
+    if broken:
+        told = ", ".join(
+            f"{n} of {table} refer to {to} that are not there" for (table, to), n in broken.items()
+        )
+        raise ReferencesBroken(
+            f"rows of the database refer to others that are gone, and nothing was changed: {told}; restore a"
+            " backup, or repair these rows (PRAGMA foreign_key_check names them) and migrate again"
+        )
 
 
 def upgrade(engine: Engine, *, to: str = "head") -> None:
@@ -73,7 +82,7 @@ def upgrade(engine: Engine, *, to: str = "head") -> None:
     from alembic import command  # noqa: PLC0415 - as above
 
     config = _config()
-    with _stepping(engine) as connection:
+    with stepping(engine) as connection:
         config.attributes["connection"] = connection
         command.upgrade(config, to)
 
@@ -83,7 +92,7 @@ def downgrade(engine: Engine, *, to: str) -> None:
     from alembic import command  # noqa: PLC0415 - as above
 
     config = _config()
-    with _stepping(engine) as connection:
+    with stepping(engine) as connection:
         config.attributes["connection"] = connection
         command.downgrade(config, to)
 

@@ -2,21 +2,33 @@
 
 from __future__ import annotations
 
+import os
+import re
+import sqlite3
+import subprocess
+import sys
 from collections.abc import Iterator
 from datetime import UTC, datetime
 from importlib import resources
 from pathlib import Path
-from typing import Any
 
 import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from alembic.script import ScriptDirectory
-from sqlalchemy import JSON, Boolean, DateTime, Engine, MetaData, String, Table, inspect, select
+from pydantic import SecretStr
+from sqlalchemy import Engine, inspect, select
 
+from service.app import open_kernel
 from service.db import schema
 from service.db.models import Base, Map
 from service.db.session import Database, open_engine
+from service.domain.lifecycle import Role
+from service.settings import Settings
+from service.usecases.keys import create_key_at_the_console
+from tests.migrations.filling import ROWS, Rows, fill, read, reflected, shape
+from tests.postgres import PostgresServer
+from tests.server import environment, start
 
 
 @pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
@@ -86,77 +98,171 @@ def _steps() -> list[str]:
     return [step.revision for step in reversed(list(script.walk_revisions()))]
 
 
-def _fill(engine: Engine) -> dict[str, list[dict[str, Any]]]:
-    """Put one row into every table of ours, each of which refers to the rows before it."""
-    found = _reflected(engine)
-    made: dict[str, dict[str, Any]] = {}
-    with engine.begin() as connection:
-        for table in found.sorted_tables:
-            made[table.name] = _row(table, made)
-            connection.execute(table.insert().values(made[table.name]))
-    return _rows(engine)
+STEPS = _steps()
+OPERATIONS = Path(__file__).parents[2] / "docs" / "operations.md"
 
 
-def _row(table: Table, made: dict[str, dict[str, Any]]) -> dict[str, Any]:
-    row: dict[str, Any] = {}
-    for column in table.columns:
-        to = next(iter(column.foreign_keys)).column if column.foreign_keys else None
-        if to is not None and to.table.name in made:
-            row[column.name] = made[to.table.name][to.name]
-        elif to is not None:
-            assert column.nullable, column
-        elif column.name in _CHECKED and isinstance(column.type, String):
-            row[column.name] = _CHECKED[column.name]
-        elif isinstance(column.type, DateTime):
-            row[column.name] = datetime(2026, 1, 2, 3, 4, 5, 678901, tzinfo=UTC)
-        elif isinstance(column.type, JSON):
-            row[column.name] = {}
-        elif isinstance(column.type, Boolean):
-            row[column.name] = False
-        elif isinstance(column.type, String):
-            row[column.name] = "x"
-        else:
-            row[column.name] = 1
-    return row
+def _same(before: Rows, after: Rows) -> None:
+    """Hold that no row went, and none changed in a column that is still there."""
+    for name in before.keys() & after.keys():
+        shared = before[name][0].keys() & after[name][0].keys()
+        assert [{c: r[c] for c in shared} for r in after[name]] == [
+            {c: r[c] for c in shared} for r in before[name]
+        ], name
 
 
-_CHECKED: dict[str, Any] = {"role": "admin", "state": "succeeded", "status": "ready"}
-"""Values that the tables' check constraints allow."""
-
-
-def _reflected(engine: Engine) -> MetaData:
-    found = MetaData()
-    found.reflect(engine, only=lambda name, _: not name.startswith(("procrastinate_", "alembic_", "sqlite_")))
-    return found
-
-
-def _rows(engine: Engine) -> dict[str, list[dict[str, Any]]]:
-    found = _reflected(engine)
-    with engine.connect() as connection:
-        return {
-            name: [dict(row) for row in connection.execute(select(table)).mappings()]
-            for name, table in found.tables.items()
-        }
-
-
-@pytest.mark.parametrize("step", _steps()[:1])
-def test_rows_that_refer_to_each_other_survive_up_and_down(engine: Engine, step: str) -> None:
-    schema.upgrade(engine, to=step)
-    before = _fill(engine)
-    assert all(len(rows) == 1 for rows in before.values())
-    schema.upgrade(engine)
-    assert schema.is_current(engine)
-    _same(before, _rows(engine))
-    schema.downgrade(engine, to=step)
-    _same(before, _rows(engine))
-    with engine.connect() as connection:
-        if engine.dialect.name == "sqlite":
+def _whole(engine: Engine) -> None:
+    """Hold that nothing refers to what is not there, and that the keys are watched again."""
+    if engine.dialect.name == "sqlite":
+        with engine.connect() as connection:
             assert connection.exec_driver_sql("PRAGMA foreign_key_check").fetchall() == []
             assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
 
 
-def _same(before: dict[str, list[dict[str, Any]]], after: dict[str, list[dict[str, Any]]]) -> None:
-    for name, rows in before.items():
-        assert len(after[name]) == len(rows), name
-        both = [column for column in rows[0] if column in after[name][0]]
-        assert [[row[c] for c in both] for row in after[name]] == [[row[c] for c in both] for row in rows]
+def test_rows_of_every_table_survive_every_step_up_and_down(engine: Engine) -> None:
+    shapes: dict[str, object] = {}
+    rows: Rows = {}
+    for step in STEPS:
+        schema.upgrade(engine, to=step)
+        _same(rows, read(engine))
+        _whole(engine)
+        rows = fill(engine)
+        assert all(len(rows[name]) == ROWS for name in rows)
+        shapes[step] = shape(engine)
+    for step in reversed(STEPS[:-1]):
+        rows = fill(engine)
+        schema.downgrade(engine, to=step)
+        _same(rows, read(engine))
+        _whole(engine)
+        assert shape(engine) == shapes[step], step
+
+
+@pytest.mark.parametrize("step", STEPS[:-1])
+def test_an_earlier_schema_with_rows_comes_to_the_newest_and_back_in_one_go(
+    engine: Engine, step: str
+) -> None:
+    schema.upgrade(engine, to=step)
+    rows, before = fill(engine), shape(engine)
+    schema.upgrade(engine)
+    assert schema.is_current(engine)
+    assert rows.keys() <= read(engine).keys()
+    _same(rows, read(engine))
+    _whole(engine)
+    schema.downgrade(engine, to=step)
+    assert read(engine) == rows
+    assert shape(engine) == before
+    _whole(engine)
+
+
+def test_what_a_step_down_loses_is_listed(engine: Engine) -> None:
+    listed = dict(re.findall(r"^\| (\d{4}) -> \d{4} \| (.+) \|$", OPERATIONS.read_text(), re.MULTILINE))
+    schema.upgrade(engine)
+    lost: dict[str, set[str]] = {}
+    for higher, lower in zip(reversed(STEPS), reversed(STEPS[:-1]), strict=False):
+        before = reflected(engine).tables
+        schema.downgrade(engine, to=lower)
+        after = reflected(engine).tables
+        lost[higher] = {name for name in before if name not in after} | {
+            f"{name}.{column.name}"
+            for name in before.keys() & after.keys()
+            for column in before[name].columns
+            if column.name not in after[name].columns
+        }
+    told = {step: set(re.findall(r"`([\w.]+)`", text)) for step, text in listed.items()}
+    assert told == {step: names for step, names in lost.items() if names}
+
+
+def test_a_row_that_refers_to_nothing_stops_the_step_and_nothing_is_changed(tmp_path: Path) -> None:
+    file = tmp_path / "groundplan.sqlite3"
+    engine = open_engine(f"sqlite:///{file}")
+    schema.upgrade(engine, to=STEPS[-2])
+    fill(engine)
+    with sqlite3.connect(file) as careless:  # a tool that does not watch the keys
+        careless.execute("DELETE FROM maps WHERE id = 'ma-0'")
+    careless.close()
+    rows = read(engine)
+    with pytest.raises(
+        schema.ReferencesBroken, match=r"nothing was changed: .*refer to maps that are not there"
+    ):
+        schema.upgrade(engine)
+    assert read(engine) == rows
+    with engine.connect() as connection:
+        assert connection.exec_driver_sql("SELECT version_num FROM alembic_version").scalar() == STEPS[-2]
+        assert connection.exec_driver_sql("PRAGMA foreign_keys").scalar() == 1
+    engine.dispose()
+
+
+def test_alembic_by_itself_takes_the_same_way(tmp_path: Path) -> None:
+    engine = open_engine(f"sqlite:///{tmp_path / 'groundplan.sqlite3'}")
+    schema.upgrade(engine, to=STEPS[-2])
+    rows = fill(engine)
+    told = os.environ | {"GROUNDPLAN_DATA_DIR": str(tmp_path)}
+    for words in (["upgrade", "head"], ["downgrade", STEPS[0]], ["upgrade", "head"]):
+        done = subprocess.run(
+            [sys.executable, "-m", "alembic", *words], env=told, capture_output=True, text=True, check=False
+        )
+        assert done.returncode == 0, done.stderr
+    assert schema.is_current(engine)
+    assert [row["id"] for row in read(engine)["revisions"]] == [row["id"] for row in rows["revisions"]]
+    engine.dispose()
+
+
+@pytest.mark.parametrize("step", [STEPS[0], STEPS[len(STEPS) // 2], STEPS[-2]])
+def test_a_backup_of_an_older_version_restores(tmp_path: Path, step: str) -> None:
+    """As docs/operations.md says: the copy put back, `groundplan migrate`, and the service serves it."""
+    old, new = tmp_path / "old.sqlite3", tmp_path / "data" / "groundplan.sqlite3"
+    new.parent.mkdir()
+    engine = open_engine(f"sqlite:///{old}")
+    schema.upgrade(engine, to=step)
+    rows = fill(engine)
+    with sqlite3.connect(old) as running, sqlite3.connect(new) as copy:
+        running.backup(copy)
+    running.close()
+    copy.close()
+    engine.dispose()
+    settings = Settings(data_dir=new.parent)
+    _migrate(settings)
+    _serves(settings, rows)
+
+
+@pytest.mark.postgres
+def test_a_dump_of_an_older_version_restores(tmp_path: Path, postgres_server: PostgresServer) -> None:
+    dump = tmp_path / "backup.sql"
+    with postgres_server.database() as old, postgres_server.database() as new:
+        engine = open_engine(old)
+        schema.upgrade(engine, to=STEPS[len(STEPS) // 2])
+        rows = fill(engine)
+        engine.dispose()
+        for program, url, words in (("pg_dump", old, ["-f", dump]), ("psql", new, ["-q", "-f", dump])):
+            told = [postgres_server.program(program), *words, url.replace("+psycopg", "")]
+            done = subprocess.run(told, capture_output=True, text=True, check=False)
+            assert done.returncode == 0, done.stderr
+        settings = Settings(data_dir=tmp_path, database_url=SecretStr(new))
+        _migrate(settings)
+        _serves(settings, rows)
+
+
+def _migrate(settings: Settings) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", "service", "migrate"],
+        env=environment(settings),
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    assert done.returncode == 0, done.stderr
+
+
+def _serves(settings: Settings, rows: Rows) -> None:
+    """Hold that the service answers on the restored database with the maps that were in it."""
+    kernel = open_kernel(settings)
+    key = create_key_at_the_console(kernel, name="after", role=Role.ADMIN, map_ids=None)
+    kernel.db.close()
+    server = start(settings, admin_key=key.secret)
+    try:
+        client = server.client(key.secret)
+        assert client.get("/readyz").status_code == 200
+        found = client.get("/v1/maps").json()["items"]
+        assert sorted(item["id"] for item in found) == [row["id"] for row in rows["maps"]]
+    finally:
+        server.close()
