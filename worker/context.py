@@ -20,6 +20,7 @@ from service.domain.bounds import Bounds
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.map_state import ErasedRegion
 from service.domain.outbound import Network
+from service.domain.plain import plain_text
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
@@ -31,6 +32,7 @@ from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.scan.upright import UprightScan
 
 _BETWEEN_PROGRESS_S = 0.1
+_MOST_NAME_BYTES = 255
 
 
 class Messages:
@@ -61,13 +63,20 @@ class ScanSource:
 
     id: str
     sha256: str
+    file_name: str
     options: ScanOptions
     upright_sha256: str | None
 
     @classmethod
     def of(cls, scan: Scan) -> ScanSource:
         """Return the source that a row tells."""
-        return cls(scan.id, scan.blob_sha256, ScanOptions.from_json(scan.options), scan.upright_sha256)
+        return cls(
+            scan.id,
+            scan.blob_sha256,
+            scan.file_name,
+            ScanOptions.from_json(scan.options),
+            scan.upright_sha256,
+        )
 
 
 @dataclass(frozen=True, eq=False)
@@ -141,6 +150,18 @@ class JobContext:
         path.mkdir()
         return path
 
+    def uploaded(self, sha256: str, file_name: str) -> Path:
+        """Return an upload's path, which ends in the name that its sender gave it.
+
+        Readers call a file by the last part of its path: so a person is told of it by the name that the
+        person knows. Nothing else lies beside it.
+        """
+        path = self.workdir / f"upload-{sha256}" / _last_part(file_name)
+        path.parent.mkdir(exist_ok=True)
+        if not path.is_symlink():
+            path.symlink_to(self.kernel.blobs.path(sha256).absolute())
+        return path
+
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's visible layers are made from, in their order."""
         wanted = (
@@ -177,7 +198,8 @@ class JobContext:
         """
         if source.upright_sha256 is not None:
             return load_upright(self.kernel.blobs.path(source.upright_sha256))
-        return read_upright_scan(self.kernel.blobs.path(source.sha256), self.bounds, options=source.options)
+        path = self.uploaded(source.sha256, source.file_name)
+        return read_upright_scan(path, self.bounds, options=source.options)
 
     def load_layer(self, source: LayerSource) -> PlacedLayer:
         """Return the part of a scan that a layer holds, in frame `map`, without the points that stand alone.
@@ -200,3 +222,9 @@ class JobContext:
             taken &= ~one.region.holds(then.apply(scan))
         points = source.T_map_scan.apply(scan[taken])
         return PlacedLayer(source.name, PointCloud.of(points, Label.LAYER))
+
+
+def _last_part(file_name: str) -> str:
+    """Return a name as a file system takes it (255 bytes, no separator), its end kept."""
+    name = plain_text(file_name).replace("/", "_").encode()[-_MOST_NAME_BYTES:].decode(errors="ignore")
+    return "unnamed" if name in {"", ".", ".."} else name

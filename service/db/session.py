@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from service import crash_points
 from service.domain.errors import DatabaseBusy
+from service.domain.plain import plain_dumps, plain_loads, plain_text
 
 _BUSY_TIMEOUT_S = 15.0
 
@@ -26,12 +27,45 @@ def open_engine(url: str | URL) -> Engine:
     pysqlite begins transactions lazily and not at all before a SELECT; it is switched to autocommit
     and every transaction begins with BEGIN IMMEDIATE, so that two writers queue instead of failing
     at their commit (SQLAlchemy, "Serializable isolation / Savepoints / Transactional DDL").
+
+    Text of files and clients is made plain here, on its way to the database and back, whichever column
+    it is for: one lone surrogate in a row would else end every list that shows it.
     """
-    if make_url(url).get_backend_name() != "sqlite":
-        return create_engine(
-            url, pool_size=5, max_overflow=15, pool_timeout=_BUSY_TIMEOUT_S, pool_pre_ping=True
+    shared: dict[str, Any] = {"json_serializer": plain_dumps, "json_deserializer": plain_loads}
+    if make_url(url).get_backend_name() == "sqlite":
+        engine = _sqlite_engine(url, shared)
+    else:
+        engine = create_engine(
+            url, pool_size=5, max_overflow=15, pool_timeout=_BUSY_TIMEOUT_S, pool_pre_ping=True, **shared
         )
-    engine = create_engine(url, connect_args={"timeout": _BUSY_TIMEOUT_S, "check_same_thread": False})
+    event.listen(engine, "before_cursor_execute", _make_plain, retval=True)
+    return engine
+
+
+def _make_plain(
+    _connection: Any,
+    _cursor: Any,
+    statement: str,
+    parameters: Any,
+    _context: Any,
+    executemany: bool,  # noqa: FBT001 - the interface
+) -> tuple[str, Any]:
+    """Return a statement with plain texts: in what it stores, and in what it compares stored things with."""
+    if executemany:
+        return statement, [_plain_row(row) for row in parameters]
+    return statement, _plain_row(parameters)
+
+
+def _plain_row(row: Any) -> Any:
+    if isinstance(row, dict):
+        return {name: plain_text(v) if isinstance(v, str) else v for name, v in row.items()}
+    return tuple(plain_text(v) if isinstance(v, str) else v for v in row)
+
+
+def _sqlite_engine(url: str | URL, shared: dict[str, Any]) -> Engine:
+    engine = create_engine(
+        url, connect_args={"timeout": _BUSY_TIMEOUT_S, "check_same_thread": False}, **shared
+    )
 
     @event.listens_for(engine, "connect")
     def _configure(connection: sqlite3.Connection, _record: Any) -> None:

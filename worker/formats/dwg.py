@@ -68,7 +68,7 @@ def load_dwg(path: Path, *, bounds: Bounds, tell: Tell | None = None) -> Linewor
     if size < _LEAST_BYTES:
         raise FileTruncated(f"{path.name} has only {size} bytes: the copy or the upload was cut short.")
     with tempfile.TemporaryDirectory(prefix="groundplan-dwg-") as folder:
-        target = Path(folder) / "drawing.dxf"
+        target = Path(folder) / path.name
         _convert(path, target, bounds=bounds, tell=tell or (lambda _stage, _share: None))
         return load_dxf(target, bounds=replace(bounds, max_dxf_bytes=bounds.max_dxf_bytes * 2), tell=tell)
 

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
+from service.domain.plain import plain_text
 from worker.formats import preview
 from worker.geometry.drawing.reading.file_frame import StrokeIds, outline, stroke_ids
 from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Unit, Wall
@@ -115,9 +116,9 @@ def load_walls_and_columns(
 
 
 def write_json(path: Path, value: dict[str, Any], *, indent: int | None = None) -> None:
-    """Write JSON with sorted keys and no clock: the same value gives the same bytes."""
+    """Write JSON of plain text, with sorted keys and no clock: the same value gives the same bytes."""
     text = json.dumps(value, indent=indent, sort_keys=True, ensure_ascii=False, allow_nan=False)
-    path.write_text(text + "\n", encoding="utf-8")
+    path.write_text(plain_text(text) + "\n", encoding="utf-8")
 
 
 def _features(path: Path, bounds: Bounds) -> list[Any]:

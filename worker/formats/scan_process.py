@@ -43,7 +43,7 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     with tempfile.TemporaryDirectory(prefix="groundplan-scan-") as folder:
         output = Path(folder) / "scan.npz"
         command = [
-            sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.resolve()), str(output),
+            sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.absolute()), str(output),
             str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),
         ]  # fmt: skip
         try:

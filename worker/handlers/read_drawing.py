@@ -49,4 +49,5 @@ def read_drawing(context: JobContext) -> None:
 def _uploaded(context: JobContext) -> tuple[Path, DrawingOptions]:
     with context.kernel.db.reading() as session:
         drawing = session.get_one(Drawing, context.attempt.subject_id)
-        return context.kernel.blobs.path(drawing.blob_sha256), DrawingOptions.from_json(drawing.options)
+        path = context.uploaded(drawing.blob_sha256, drawing.file_name)
+        return path, DrawingOptions.from_json(drawing.options)

@@ -34,9 +34,12 @@ def read_scan(context: JobContext) -> None:
     """
     with context.kernel.db.reading() as session:
         scan = session.get_one(Scan, context.attempt.subject_id)
-        sha256, options = scan.blob_sha256, ScanOptions.from_json(scan.options)
+        path, options = (
+            context.uploaded(scan.blob_sha256, scan.file_name),
+            ScanOptions.from_json(scan.options),
+        )
     context.progress("load", 0.0)
-    upright = read_upright_scan(context.kernel.blobs.path(sha256), context.bounds, options=options)
+    upright = read_upright_scan(path, context.bounds, options=options)
     context.progress("thin", 0.5)
     thin, voxel_size = _thinned(upright)
     context.progress("write", 0.8)
