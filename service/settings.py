@@ -84,8 +84,20 @@ class Settings(BaseSettings):
     )
     beat_s: float = Field(2.0, gt=0, description="Seconds between two beats of a worker.")
     poll_s: float = Field(0.05, gt=0, description="Seconds between two looks at the queue (SQLite).")
-    job_memory_bytes: int = Field(6144 * MIB, gt=0, description="Memory that one job may take.")
+    job_memory_bytes: int = Field(10240 * MIB, gt=0, description="Memory that one job may take.")
     job_cpu_s: float = Field(1800.0, gt=0, description="CPU seconds that one job may take.")
+    reading_cpu_s: float = Field(
+        60.0,
+        gt=0,
+        description="CPU seconds that reading an upload may take; 10 s are added for each further million"
+        " points, 10 Mpx or 10 MB of CAD that it promises, up to what one job may take.",
+    )
+    reading_memory_bytes: int = Field(
+        2048 * MIB,
+        gt=0,
+        description="Memory that reading an upload may take, or what its points and pixels need, up to what"
+        " one job may take.",
+    )
     job_wall_s: float = Field(1800.0, gt=0, description="Seconds that one job may take.")
 
     log_level: str = Field("info", description="debug, info, warning or error.")

@@ -14,10 +14,10 @@ import structlog
 from service import crash_points, logs
 from service.db.delivery import open_delivery
 from service.db.session import Database, open_engine
+from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
-from worker.process import Limits
 from worker.runner import NoChild, Runner, Terms
 
 
@@ -33,7 +33,13 @@ def main() -> int:
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
     )
-    limits = Limits(settings.job_memory_bytes, cpu_s=settings.job_cpu_s, wall_s=settings.job_wall_s)
+    limits = JobLimits(
+        memory_bytes=settings.job_memory_bytes,
+        cpu_s=settings.job_cpu_s,
+        wall_s=settings.job_wall_s,
+        reading_memory_bytes=settings.reading_memory_bytes,
+        reading_cpu_s=settings.reading_cpu_s,
+    )
     terms = Terms(
         name=name,
         folder=settings.data_dir.absolute() / "jobs",

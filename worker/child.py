@@ -10,10 +10,11 @@ import ctypes
 import gc
 import json
 import os
-import resource
+import re
 import secrets
 import signal
 import sys
+from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
@@ -27,14 +28,15 @@ from service.db.session import Database, open_engine
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError, JobOutOfMemory, Unavailable
 from service.domain.lifecycle import JobKind
+from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
-from worker.context import JobContext, Messages
+from worker.context import JobContext, Messages, limit_process
 from worker.registry import HANDLERS, after_fork, prepare
 
 _PR_SET_PDEATHSIG = 1
-_CPU_GRACE_S = 5
+_NO_MEMORY = re.compile(r"insufficient memory|bad_?alloc|failed to allocate|out of memory", re.IGNORECASE)
 
 log = structlog.get_logger(__name__)
 
@@ -56,20 +58,25 @@ def main(parent: int) -> int:
         if pid == 0:
             _run(json.loads(line), stem=stem, settings=settings, kernel=kernel, messages=messages)
         messages.send("started", pid=pid)
-        _, status = os.waitpid(pid, 0)
-        messages.send("ended", code=os.waitstatus_to_exitcode(status))
+        os.waitid(os.P_PID, pid, os.WEXITED | os.WNOWAIT)
+        with suppress(ProcessLookupError, PermissionError):  # what it has started and left behind
+            os.killpg(pid, signal.SIGKILL)
+        _, status, used = os.wait4(pid, 0)
+        messages.send("ended", code=os.waitstatus_to_exitcode(status), peak_bytes=used.ru_maxrss * 1024)
     return 0
 
 
 def _run(job: dict[str, Any], *, stem: int, settings: Settings, kernel: Kernel, messages: Messages) -> None:
     """Do one job in the forked process, say how it went, and exit."""
+    os.setpgid(0, 0)
     _die_with(stem)
     after_fork()
-    _limit(memory_bytes=job["memory_bytes"], cpu_s=job["cpu_s"])
+    may = JobLimits(**job["limits"])
+    limit_process(memory_bytes=may.memory_bytes, cpu_s=may.cpu_s)
     attempt = Attempt(**{**job["attempt"], "kind": JobKind(job["attempt"]["kind"])})
     bounds = Bounds(max_pixels=settings.max_pixels, max_points=settings.max_points)
-    context = JobContext(kernel, attempt, Path(job["workdir"]), bounds, messages, settings.networks())
-    failure = _attempt(context, memory_bytes=job["memory_bytes"])
+    context = JobContext(kernel, attempt, Path(job["workdir"]), bounds, messages, may, settings.networks())
+    failure = _attempt(context)
     kernel.db.close()
     if failure is None:
         messages.send("done")
@@ -79,7 +86,7 @@ def _run(job: dict[str, Any], *, stem: int, settings: Settings, kernel: Kernel, 
     os._exit(0)
 
 
-def _attempt(context: JobContext, *, memory_bytes: int) -> dict[str, Any] | None:
+def _attempt(context: JobContext) -> dict[str, Any] | None:
     """Return how the attempt failed, as the members of its message, or None when its result is recorded."""
     bound = log.bind(job=context.attempt.job_id, kind=str(context.attempt.kind))
     try:
@@ -91,14 +98,19 @@ def _attempt(context: JobContext, *, memory_bytes: int) -> dict[str, Any] | None
         return {"why": "unavailable", "problem": refusal.problem()}
     except DomainError as refusal:
         return {"why": "refused", "problem": refusal.problem()}
-    except MemoryError:
-        limit = memory_bytes // (1024 * 1024)
-        too_much = JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
-        return {"why": "refused", "problem": too_much.problem()}
     except Exception as error:  # noqa: BLE001 - here a defect becomes a failed job
+        if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):  # so OpenCV and ONNX tell it
+            return {"why": "refused", "problem": _out_of_memory(context).problem()}
         bound.exception("a defect ended the job")
         return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
     return None
+
+
+def _out_of_memory(context: JobContext) -> DomainError:
+    if context.reading is not None:
+        return context.reading.refusal("memory")
+    limit = context.limits.memory_bytes // (1024 * 1024)
+    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
 
 
 def _die_with(parent: int) -> None:
@@ -129,20 +141,6 @@ def _kernel(settings: Settings) -> Kernel:
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
     )
-
-
-def _limit(*, memory_bytes: int, cpu_s: float) -> None:
-    """Limit this process from here on.
-
-    RLIMIT_DATA counts private writable memory, so an allocation past it fails as MemoryError; address
-    space that is only reserved (numba, threads' arenas) or mapped from files does not count, as it
-    would under RLIMIT_AS.
-    """
-    resource.setrlimit(resource.RLIMIT_DATA, (memory_bytes, memory_bytes))
-    used = resource.getrusage(resource.RUSAGE_SELF)
-    until = int(used.ru_utime + used.ru_stime + cpu_s) + 1
-    resource.setrlimit(resource.RLIMIT_CPU, (until, until + _CPU_GRACE_S))
-    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
 
 
 if __name__ == "__main__":

@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import json
 import os
+import resource
 import time
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -19,8 +20,10 @@ from service.db.models import Layer, Placement, Revision, Scan
 from service.domain.bounds import Bounds
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.map_state import ErasedRegion
+from service.domain.media import HEAD_BYTES
 from service.domain.outbound import Network
 from service.domain.plain import plain_text
+from service.domain.reading_cost import JobLimits, Promise, ReadingLimits
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
@@ -33,6 +36,8 @@ from worker.geometry.scan.upright import UprightScan
 
 _BETWEEN_PROGRESS_S = 0.1
 _MOST_NAME_BYTES = 255
+_CPU_GRACE_S = 5
+_SPARE_BYTES = 512 << 20
 
 
 class Messages:
@@ -129,7 +134,9 @@ class JobContext:
     workdir: Path
     bounds: Bounds
     messages: Messages
+    limits: JobLimits
     networks: tuple[Network, ...] = ()
+    reading: ReadingLimits | None = None
     _told_at: float = float("-inf")
     _told_stage: str = ""
 
@@ -161,6 +168,34 @@ class JobContext:
         if not path.is_symlink():
             path.symlink_to(self.kernel.blobs.path(sha256).absolute())
         return path
+
+    def begin_reading(self, path: Path) -> None:
+        """Limit this process, and what it starts, to what reading an upload may cost; tell the parent.
+
+        Raises
+        ------
+        Rejected
+            If the file's header alone shows that it is cut short or too large.
+        """
+        with path.open("rb") as file:
+            head = file.read(HEAD_BYTES)
+        may, size = self.limits, path.stat().st_size
+        promise = Promise.of(head, size_bytes=size, bounds=self.bounds) if head else Promise()
+        self.reading = ReadingLimits(
+            path.name,
+            promise,
+            cpu_s=min(promise.cpu_s(may.reading_cpu_s), may.cpu_s),
+            memory_bytes=min(promise.memory_bytes(may.reading_memory_bytes), may.memory_bytes),
+        )
+        self.bounds = replace(
+            self.bounds,
+            max_scan_memory_bytes=self.reading.memory_bytes,
+            max_scan_seconds=may.wall_s,
+            max_model_seconds=may.wall_s,
+        )
+        most_data = _data_bytes() + self.reading.memory_bytes + _SPARE_BYTES
+        limit_process(memory_bytes=most_data, cpu_s=self.reading.cpu_s)
+        self.messages.send("progress", stage="load", fraction=0.0, reading=self.reading.to_json())
 
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's visible layers are made from, in their order."""
@@ -228,3 +263,28 @@ def _last_part(file_name: str) -> str:
     """Return a name as a file system takes it (255 bytes, no separator), its end kept."""
     name = plain_text(file_name).replace("/", "_").encode()[-_MOST_NAME_BYTES:].decode(errors="ignore")
     return "unnamed" if name in {"", ".", ".."} else name
+
+
+def limit_process(*, memory_bytes: int, cpu_s: float) -> None:
+    """Limit this process from here on; never above a limit that it has.
+
+    RLIMIT_DATA counts private writable memory, so an allocation past it fails as MemoryError; address
+    space that is only reserved (numba, threads' arenas) or mapped from files does not count, as it
+    would under RLIMIT_AS. The parent counts what all processes of a job really hold, and is the quicker
+    one where memory is taken bit by bit.
+    """
+    _, hard = resource.getrlimit(resource.RLIMIT_DATA)
+    most = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    resource.setrlimit(resource.RLIMIT_DATA, (most, most))
+    used = resource.getrusage(resource.RUSAGE_SELF)
+    until = int(used.ru_utime + used.ru_stime + cpu_s) + 1
+    _, hard = resource.getrlimit(resource.RLIMIT_CPU)
+    last = until + _CPU_GRACE_S if hard == resource.RLIM_INFINITY else min(until + _CPU_GRACE_S, hard)
+    resource.setrlimit(resource.RLIMIT_CPU, (min(until, last), last))
+    resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+
+
+def _data_bytes() -> int:
+    """Return what this process has of what RLIMIT_DATA counts."""
+    statm = Path("/proc/self/status").read_text(encoding="ascii")
+    return int(statm.partition("VmData:")[2].split()[0]) * 1024

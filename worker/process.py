@@ -16,19 +16,28 @@ from typing import Any
 
 from service import crash_points
 from service.db.jobs import Attempt
+from service.domain.reading_cost import JobLimits
 
 _READ_BYTES = 65536
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
+_TICKS_PER_S = os.sysconf("SC_CLK_TCK")
+_FAULTS = {
+    signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS
+}  # fmt: skip
 _END_TIMEOUT_S = 10.0
 
 
 @dataclass(frozen=True)
-class Limits:
-    """Hold what one job may take: memory, CPU seconds, and seconds of wall clock."""
+class Usage:
+    """Hold what a job's processes take together: their memory, and their CPU seconds so far.
 
-    memory_bytes: int
-    cpu_s: float
-    wall_s: float
+    Memory is what belongs to them alone, not the files that they have mapped; `own_bytes` is without what
+    the warm child stands ready with.
+    """
+
+    memory_bytes: int = 0
+    own_bytes: int = 0
+    cpu_s: float = 0.0
 
 
 class WarmChild:
@@ -42,6 +51,8 @@ class WarmChild:
         Whether it has a job that has not ended.
     has_ended : bool
         Whether it is gone, and its job with it.
+    peak_bytes : int
+        The most memory that the last job, or one process that it started, held at a time.
     """
 
     def __init__(self) -> None:
@@ -61,6 +72,7 @@ class WarmChild:
         self._job_pid: int | None = None
         self._job_code: int | None = None
         self._is_closed = False
+        self.peak_bytes = 0
         self.has_ended = False
         self.is_ready = False
         self.is_working = False
@@ -73,15 +85,14 @@ class WarmChild:
             self.listen(timeout_s=left)
         return self.is_ready and not self.has_ended
 
-    def hand_over(self, attempt: Attempt, *, workdir: Path, limits: Limits) -> None:
+    def hand_over(self, attempt: Attempt, *, workdir: Path, limits: JobLimits) -> None:
         """Give the child a job; it has none. A child that is dead by now says so by its end."""
         job = {
             "attempt": asdict(attempt),
             "workdir": str(workdir),
-            "memory_bytes": limits.memory_bytes,
-            "cpu_s": limits.cpu_s,
+            "limits": asdict(limits),
         }
-        self.is_working, self._job_pid, self._job_code = True, None, None
+        self.is_working, self._job_pid, self._job_code, self.peak_bytes = True, None, None, 0
         crash_points.reach("message-job.before-send")
         with suppress(BrokenPipeError):
             self._stdin.write(json.dumps(job).encode() + b"\n")
@@ -101,22 +112,21 @@ class WarmChild:
         *lines, self._rest = self._rest.split(b"\n")
         return [m for m in map(json.loads, lines) if not self._is_own(m)]
 
-    def memory_bytes(self) -> int:
-        """Return the job's resident memory; 0 when it is gone."""
-        try:
-            statm = Path(f"/proc/{self._job_pid}/statm").read_text(encoding="ascii")
-            return int(statm.split()[1]) * _PAGE_BYTES
-        except (OSError, IndexError):
-            return 0
+    def usage(self) -> Usage:
+        """Return what the job and all that it has started take; nothing when it is gone."""
+        if self._job_pid is None:
+            return Usage()
+        seen = [_used(pid) for pid in _with_descendants(self._job_pid)]
+        memory = sum(used.memory_bytes for used in seen)
+        ready = _used(self._process.pid).memory_bytes
+        return Usage(memory, max(0, memory - ready), sum(used.cpu_s for used in seen))
 
     def end_job(self) -> list[dict[str, Any]]:
         """Kill the job, and return what it had said until it was gone; the child stands ready again."""
         said: list[dict[str, Any]] = []
         until = time.monotonic() + _END_TIMEOUT_S
         while self.is_working and time.monotonic() < until:
-            if self._job_pid is not None:
-                with suppress(ProcessLookupError):
-                    os.kill(self._job_pid, signal.SIGKILL)
+            self._kill_job()
             said += self.listen(timeout_s=0.1)
         if self.is_working:
             self.end()
@@ -127,6 +137,8 @@ class WarmChild:
         if self._is_closed:
             return
         self._is_closed = True
+        if self.is_working:
+            self._kill_job()
         with suppress(ProcessLookupError, PermissionError):
             os.killpg(self._process.pid, signal.SIGKILL)
         self._process.wait()
@@ -144,9 +156,23 @@ class WarmChild:
         return f"ended with status {code}"
 
     @property
+    def fault(self) -> signal.Signals | None:
+        """Return the signal by which the job ended for a fault of its own; None where it was killed."""
+        code = self._job_code or 0
+        return signal.Signals(-code) if -code in _FAULTS else None
+
+    @property
     def ran_out_of_cpu(self) -> bool:
         """Return whether the job was stopped for using up its CPU seconds."""
         return self._job_code == -signal.SIGXCPU
+
+    def _kill_job(self) -> None:
+        """Kill the job and its process group; before it has made its group, it has started nothing."""
+        if self._job_pid is None:
+            return
+        for kill in (os.killpg, os.kill):
+            with suppress(ProcessLookupError, PermissionError):
+                kill(self._job_pid, signal.SIGKILL)
 
     def _is_own(self, message: dict[str, Any]) -> bool:
         """Return whether a message is the warm child's own, and take note of what it says."""
@@ -157,6 +183,31 @@ class WarmChild:
                 self._job_pid = message["pid"]
             case "ended":
                 self._job_code, self.is_working = message["code"], False
+                self.peak_bytes = message["peak_bytes"]
             case _:
                 return False
         return True
+
+
+def _with_descendants(pid: int) -> list[int]:
+    """Return a process and all that it and its children have started and that live."""
+    found, at = [pid], 0
+    while at < len(found):
+        for task in Path(f"/proc/{found[at]}/task").glob("*/children"):
+            with suppress(OSError):
+                found += [int(child) for child in task.read_text(encoding="ascii").split()]
+        at += 1
+    return found
+
+
+def _used(pid: int) -> Usage:
+    """Return what one process takes, with the CPU of its children that have ended (proc(5))."""
+    try:
+        stat = (
+            Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
+        )
+        pages = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
+        memory = (int(pages[1]) - int(pages[2])) * _PAGE_BYTES
+        return Usage(memory, memory, sum(map(int, stat[11:15])) / _TICKS_PER_S)
+    except (OSError, IndexError):
+        return Usage()

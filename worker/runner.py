@@ -21,9 +21,10 @@ from sqlalchemy.orm import Session
 from service.db import jobs
 from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
-from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut
+from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut, ReaderCrashed
+from service.domain.reading_cost import JobLimits, ReadingLimits
 from service.usecases.kernel import Kernel
-from worker.process import Limits, WarmChild
+from worker.process import WarmChild
 
 _READY_TIMEOUT_S = 120.0
 _STILLBORN_MAX = 5
@@ -48,7 +49,7 @@ class Terms:
     folder: Path
     lease_s: float
     beat_s: float
-    limits: Limits
+    limits: JobLimits
 
 
 @dataclass
@@ -65,6 +66,7 @@ class _Watch:
     is_shown: bool = False
     is_recorded: bool = False
     is_broken_off: bool = False
+    reading: ReadingLimits | None = None
 
     def pause_s(self, beat_s: float) -> float:
         """Return the seconds between two beats: none at the job's first word, few while it speaks."""
@@ -190,6 +192,8 @@ class Runner:
         for message in watch.child.listen(timeout_s=_LISTEN_S):
             if message["message"] == "progress":
                 watch.told = {"stage": message["stage"], "fraction": message["fraction"]}
+                if "reading" in message:
+                    watch.reading = ReadingLimits.from_json(message["reading"])
             else:
                 watch.last_word = message
 
@@ -207,8 +211,9 @@ class Runner:
         if not watch.child.is_working or watch.last_word is not None:
             return
         now, attempt, limits = time.monotonic(), watch.attempt, self._terms.limits
-        if watch.child.memory_bytes() > limits.memory_bytes:
-            self._break_off(watch, self._failing(attempt, _out_of_memory(limits)))
+        over = _over(watch, limits)
+        if over is not None:
+            self._break_off(watch, self._failing(attempt, over))
         elif now - watch.started_at > limits.wall_s:
             self._break_off(watch, self._failing(attempt, _timed_out("seconds", limits.wall_s)))
         elif now > self._stop_by:
@@ -261,8 +266,9 @@ class Runner:
         """Return what becomes of a job whose child ended without a word."""
         attempt, how = watch.attempt, watch.child.how_it_ended()
         log.warning("a child died", job=attempt.job_id, attempt=attempt.attempt, how=how)
-        if watch.child.ran_out_of_cpu:
-            return self._failing(attempt, _timed_out("CPU seconds", self._terms.limits.cpu_s))
+        refusal = _why_it_died(watch, self._terms.limits)
+        if refusal is not None:
+            return self._failing(attempt, refusal)
         problem = jobs.crashed(attempts=attempt.attempt, last=how).problem()
         return lambda s: self._try_again(s, attempt, problem)
 
@@ -303,7 +309,37 @@ class Runner:
                 shutil.rmtree(folder, ignore_errors=True)
 
 
-def _out_of_memory(limits: Limits) -> JobOutOfMemory:
+def _over(watch: _Watch, limits: JobLimits) -> DomainError | None:
+    """Return the refusal of a job whose processes take more than they may; None while they do not."""
+    used, reading = watch.child.usage(), watch.reading
+    if reading is not None:
+        if used.own_bytes > reading.memory_bytes:
+            return reading.refusal("memory")
+        return reading.refusal("cpu") if used.cpu_s > reading.cpu_s else None
+    if used.memory_bytes > limits.memory_bytes:
+        return _out_of_memory(limits)
+    return _timed_out("CPU seconds", limits.cpu_s) if used.cpu_s > limits.cpu_s else None
+
+
+def _why_it_died(watch: _Watch, limits: JobLimits) -> DomainError | None:
+    """Return the refusal of a job that its own file or limits ended; None where another try may help."""
+    reading, fault = watch.reading, watch.child.fault
+    if watch.child.ran_out_of_cpu:
+        return _timed_out("CPU seconds", limits.cpu_s) if reading is None else reading.refusal("cpu")
+    if reading is None:
+        return None
+    if watch.child.peak_bytes > reading.memory_bytes:
+        return reading.refusal("memory")
+    if fault is None:
+        return None
+    return ReaderCrashed(
+        f"The reader crashed on {reading.file_name} ({fault.name}): it is damaged. Open it in the program "
+        "that made it, repair it, and export it again.",
+        signal=fault.name,
+    )
+
+
+def _out_of_memory(limits: JobLimits) -> JobOutOfMemory:
     limit = limits.memory_bytes // (1024 * 1024)
     return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
 

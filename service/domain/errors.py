@@ -529,10 +529,31 @@ class DrawingTooComplex(Rejected):
     title = "The drawing is too complex"
 
 
+class ReadingTooCostly(Rejected):
+    """Reading the file took more CPU or memory than a file that promises so much may take, and was stopped.
+
+    `limit` tells which (`cpu` or `memory`), `cpu_limit_s` and `memory_limit_bytes` how much it may take;
+    `points`, `pixels` and `cad_bytes` what the file promises by its header and its size. Export what is
+    needed of it: one floor, fewer points, a lower resolution. A file that is small and costs so much is
+    damaged, or was made to do harm.
+    """
+
+    title = "Reading the file costs too much"
+
+
 class NoWallsFound(Unfulfilled):
     """Nothing on the drawing was recognised as a wall."""
 
     title = "No walls were found"
+
+
+class ReaderCrashed(Rejected):
+    """The program that reads this kind of file crashed on it: the file is damaged, or breaks the format.
+
+    Open it in the program that made it, repair it, and export it again. `signal` tells how the reader ended.
+    """
+
+    title = "The file crashes its reader"
 
 
 class NotADrawing(Unfulfilled):

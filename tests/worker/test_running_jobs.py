@@ -143,7 +143,7 @@ def test_a_job_over_its_memory_is_stopped_and_says_so(sqlite_bench: Workbench, t
         job = bench.wait_final(bench.add_drawing(path))
         assert (job.state, job.attempt) == (JobState.FAILED, 1)
         assert job.problem is not None
-        assert job.problem["slug"] == "job-out-of-memory"
+        assert (job.problem["slug"], job.problem["limit"]) == ("reading-too-costly", "memory")
         after = bench.add_drawing(a_small_drawing(tmp_path / "next.png"))
         assert bench.wait_final(after).state == JobState.SUCCEEDED
 
@@ -159,13 +159,23 @@ def test_a_job_over_its_time_is_stopped_and_says_so(sqlite_bench: Workbench, tmp
     assert job.problem["slug"] == "job-timed-out"
 
 
-def test_a_job_over_its_cpu_seconds_is_stopped_and_says_so(sqlite_bench: Workbench, tmp_path: Path) -> None:
+@pytest.mark.parametrize(
+    ("settings", "slug"),
+    [({"job_cpu_s": "0.05"}, "job-timed-out"), ({"job_memory_bytes": str(64 << 20)}, "job-out-of-memory")],
+)
+def test_a_build_over_a_limit_is_stopped_and_says_so(
+    sqlite_bench: Workbench, tmp_path: Path, settings: dict[str, str], slug: str
+) -> None:
     bench = sqlite_bench
-    with bench.worker(job_cpu_s="0.1"):
-        job = bench.wait_final(bench.add_drawing(a_slow_drawing(tmp_path / "plan.png", strokes=600)))
+    with bench.worker():
+        drawing = bench.add_drawing(a_small_drawing(tmp_path / "plan.png"))
+        assert bench.wait_final(drawing).state == JobState.SUCCEEDED
+    build = bench.add_revision(drawing, voxel_size_m=0.02)
+    with bench.worker(**settings):
+        job = bench.wait_final(build)
     assert (job.state, job.attempt) == (JobState.FAILED, 1)
     assert job.problem is not None
-    assert (job.problem["slug"], "CPU" in job.problem["detail"]) == ("job-timed-out", True)
+    assert job.problem["slug"] == slug
 
 
 def test_a_job_whose_process_dies_three_times_fails_as_crashed(

@@ -20,7 +20,7 @@ from pathlib import Path
 import numpy as np
 
 from service.domain.bounds import Bounds
-from service.domain.errors import FileMalformed, Rejected
+from service.domain.errors import ReadingTooCostly, Rejected
 from worker.geometry.scan.mesh_sampling import Mesh
 
 LOADERS = {
@@ -53,9 +53,11 @@ def main() -> int:
         answer = {"refused": type(refusal).__name__, "detail": refusal.detail, "members": refusal.members}
     except MemoryError:
         detail = (
-            f"Reading the file needs more memory than the {int(memory) >> 20} MiB that are given to one scan."
+            f"Reading {Path(path).name} takes more than the {int(memory) >> 20} MiB of memory that are "
+            "given to one scan. Thin it, or export it in parts."
         )
-        answer = {"refused": FileMalformed.__name__, "detail": detail, "members": {}}
+        members = {"limit": "memory", "memory_limit_bytes": int(memory)}
+        answer = {"refused": ReadingTooCostly.__name__, "detail": detail, "members": members}
     json.dump(answer, answers)
     answers.write("\n")
     answers.close()

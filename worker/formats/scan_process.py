@@ -36,7 +36,9 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     Raises
     ------
     FileMalformed
-        If the library crashes on the file, or needs more time or memory than `bounds` give.
+        If the library crashes on the file, or needs more time than `bounds` give.
+    ReadingTooCostly
+        If it needs more memory.
     Rejected
         As the kind's loader does.
     """

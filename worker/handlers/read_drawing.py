@@ -24,6 +24,7 @@ def read_drawing(context: JobContext) -> None:
     4. record the reading with the end of the job
     """
     path, options = _uploaded(context)
+    context.begin_reading(path)
     folder = context.folder("reading")
     names = ["walls.geojson", "removed.geojson", "preview.png"]
 

@@ -38,7 +38,7 @@ def read_scan(context: JobContext) -> None:
             context.uploaded(scan.blob_sha256, scan.file_name),
             ScanOptions.from_json(scan.options),
         )
-    context.progress("load", 0.0)
+    context.begin_reading(path)
     upright = read_upright_scan(path, context.bounds, options=options)
     context.progress("thin", 0.5)
     thin, voxel_size = _thinned(upright)

@@ -1,0 +1,96 @@
+from __future__ import annotations
+
+import struct
+
+import pytest
+
+from service.domain.bounds import Bounds
+from service.domain.media import HEAD_BYTES
+from service.domain.reading_cost import Promise, ReadingLimits
+from tests import files
+
+BOUNDS = Bounds()
+MIB, GIB = 1 << 20, 1 << 30
+
+
+def promise_of(content: bytes, size_bytes: int | None = None) -> Promise:
+    return Promise.of(content[:HEAD_BYTES], size_bytes=size_bytes or len(content), bounds=BOUNDS)
+
+
+def las(points: int, *, minor: int = 2) -> bytes:
+    head = bytearray(b"LASF" + bytes(371))
+    head[24:26] = bytes([1, minor])
+    head[107:111] = struct.pack("<I", points if minor < 4 else 0)
+    head[247:255] = struct.pack("<Q", points if minor >= 4 else 0)
+    return bytes(head)
+
+
+@pytest.mark.parametrize(
+    ("content", "size", "points"),
+    [
+        (files.ply_header(40_000_000), 600_000_000, 40_000_000),
+        (files.pcd(files.room()), None, 5_000),
+        (las(7_000_000), 1_000_000_000, 7_000_000),
+        (las(8_000_000, minor=4), 1_000_000_000, 8_000_000),
+        (las(4_000_000_000), 1_000, BOUNDS.max_points),
+        (b"1 2 3\n4 5 6\n7 8 9\n" * 100, 30_000_000, 5_000_000),
+        (b"v 1 2 3\n", 80_000_000, 10_000_000),
+        (b"v 1 2 3\n", 2_000_000_000, BOUNDS.max_points),
+    ],
+)
+def test_a_scan_promises_what_its_header_tells_or_its_size_can_hold(
+    content: bytes, size: int | None, points: int
+) -> None:
+    assert promise_of(content, size) == Promise(points=points)
+
+
+def test_a_sheet_promises_its_pixels() -> None:
+    assert promise_of(files.white_png(9000, 8000)) == Promise(pixels=72_000_000)
+    assert promise_of(b"II*\0" + bytes(60), 1000) == Promise(pixels=256_000)
+    assert promise_of(b"II*\0" + bytes(60), 90_000_000) == Promise(pixels=BOUNDS.max_pixels)
+
+
+def test_a_cad_file_promises_its_bytes() -> None:
+    assert promise_of(b"  0\nSECTION\n  2\nHEADER\n", 30_000_000) == Promise(cad_bytes=30_000_000)
+    pdf = promise_of(b"%PDF-1.7\n", 659)
+    assert pdf == Promise(pixels=659 * 256, cad_bytes=659)
+    assert pdf.cpu_s(60.0) == 60.0
+
+
+@pytest.mark.parametrize(
+    ("promise", "cpu_s"),
+    [
+        (Promise(), 60.0),
+        (Promise(points=1_000_000), 60.0),
+        (Promise(points=1_600_000), 66.0),
+        (Promise(points=50_000_000), 550.0),
+        (Promise(pixels=10_000_000), 60.0),
+        (Promise(pixels=200_000_000), 250.0),
+        (Promise(cad_bytes=10_000_000), 60.0),
+        (Promise(cad_bytes=96 * MIB), 60.0 + 10.0 * (96 * MIB / 10_000_000 - 1.0)),
+    ],
+)
+def test_cpu_grows_with_each_further_step(promise: Promise, cpu_s: float) -> None:
+    assert promise.cpu_s(60.0) == pytest.approx(cpu_s)
+
+
+def test_memory_is_the_base_until_the_content_needs_more() -> None:
+    assert Promise(points=5_900_000).memory_bytes(2 * GIB) == 2 * GIB
+    assert Promise(points=6_100_000).memory_bytes(2 * GIB) > 2 * GIB
+    assert Promise(pixels=89_000_000).memory_bytes(2 * GIB) == 2 * GIB
+    assert Promise(pixels=90_000_000).memory_bytes(2 * GIB) > 2 * GIB
+    ifc = promise_of(b"ISO-10303-21;\nHEADER;\nFILE_SCHEMA(('IFC4'));\n", 5_000)
+    assert ifc.memory_bytes(2 * GIB) == GIB + BOUNDS.max_model_memory_bytes
+
+
+@pytest.mark.parametrize("limit", ["cpu", "memory"])
+def test_the_refusal_says_which_limit_what_was_promised_and_what_to_do(limit: str) -> None:
+    limits = ReadingLimits("hall.ply", Promise(points=3_000_000), cpu_s=80.0, memory_bytes=2 * GIB)
+    assert ReadingLimits.from_json(limits.to_json()) == limits
+    problem = limits.refusal(limit).problem()  # type: ignore[arg-type]
+    assert problem["slug"] == "reading-too-costly"
+    assert (problem["limit"], problem["points"], problem["pixels"]) == (limit, 3_000_000, 0)
+    took = "80 s of CPU" if limit == "cpu" else "2048 MiB of memory"
+    assert problem["detail"].startswith(
+        f"Reading hall.ply takes more than the {took} that a file of 3 million points may take. Thin the scan"
+    )
