@@ -85,7 +85,7 @@ class Runner:
     kernel : Kernel
         The database, the clock and the source of tokens.
     delivery : Delivery
-        Names jobs that may be due.
+        Tells that a job may be due.
     terms : Terms
         How to work.
     """
@@ -97,7 +97,7 @@ class Runner:
         self._stopping = threading.Event()
         self._stop_by = float("inf")
         self._child: WarmChild | None = None
-        self._named: str | None = None
+        self._is_called = False
         self._swept_at = float("-inf")
 
     def stop(self, _signal: int = signal.SIGTERM, _frame: object = None) -> None:
@@ -128,10 +128,10 @@ class Runner:
         """Do one job if there is one; it is claimed only while the child is there to do it."""
         try:
             self._sweep()
-            self._named = self._named or self._delivery.next(timeout_s=_IDLE_S)
-            if self._named is None or not child.wait_ready(timeout_s=0.0):
+            self._is_called = self._is_called or self._delivery.next(timeout_s=_IDLE_S)
+            if not self._is_called or not child.wait_ready(timeout_s=0.0):
                 return
-            attempt, self._named = self._claim(self._named), None
+            attempt, self._is_called = self._claim(), False
             if attempt is not None:
                 self._work(attempt, child)
             self._delivery.done()
@@ -155,11 +155,10 @@ class Runner:
             self._stopping.wait(1.0)
         raise NoChild
 
-    def _claim(self, job_id: str) -> Attempt | None:
+    def _claim(self) -> Attempt | None:
         with self._kernel.db.writing("claim-job") as session:
             return jobs.claim(
                 session,
-                job_id=job_id,
                 worker=self._terms.name,
                 token=self._kernel.new_id("att"),
                 lease_s=self._terms.lease_s,

@@ -16,7 +16,7 @@ from sqlalchemy import text
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
-from service.db.jobs import QUEUE, TASK, deliver, next_due, overdue
+from service.db.jobs import QUEUE, TASK, any_due, deliver, overdue
 from service.db.session import Database
 from service.domain.errors import DatabaseBusy
 from service.domain.ids import Clock
@@ -32,13 +32,13 @@ log = structlog.get_logger(__name__)
 
 
 class Delivery(Protocol):
-    """Name jobs that may be due; `service.db.jobs.claim` decides who gets them."""
+    """Say that a job may be due; `service.db.jobs.claim` decides which one, and who gets it."""
 
-    def next(self, *, timeout_s: float) -> str | None:
-        """Return the id of a job to look at, waiting up to `timeout_s` for one."""
+    def next(self, *, timeout_s: float) -> bool:
+        """Return whether there may be a job to claim, waiting up to `timeout_s` for one."""
 
     def done(self) -> None:
-        """Say that the job named last needs no more of this worker."""
+        """Say that what was said last needs no more of this worker."""
 
     def close(self) -> None:
         """Stop delivering."""
@@ -62,14 +62,14 @@ class Polling:
         self._now = now
         self._poll_s = poll_s
 
-    def next(self, *, timeout_s: float) -> str | None:
-        """Return the oldest due job, or None after `timeout_s`."""
+    def next(self, *, timeout_s: float) -> bool:
+        """Return whether a job is due, waiting up to `timeout_s` for one."""
         until = time.monotonic() + timeout_s
         while True:
             with self._database.reading() as session:
-                job_id = next_due(session, now=self._now())
-            if job_id is not None or time.monotonic() >= until:
-                return job_id
+                is_due = any_due(session, now=self._now())
+            if is_due or time.monotonic() >= until:
+                return is_due
             time.sleep(self._poll_s)
 
     def done(self) -> None:
@@ -82,8 +82,10 @@ class Polling:
 class Delivered:
     """Let a procrastinate worker, in a thread of its own, fetch one delivery at a time.
 
-    The delivery is acknowledged when the job is settled. Lost workers' jobs are looked for every two
-    seconds by every worker: a job that is due and has no waiting delivery gets a new one.
+    A delivery is taken for a call to claim some job, since the order of deliveries is that of asking and
+    not that of turns: there are as many as jobs. It is acknowledged when the job is settled. Lost workers'
+    jobs are looked for every two seconds by every worker: where more are due than deliveries wait, new
+    ones are made.
 
     Parameters
     ----------
@@ -99,20 +101,20 @@ class Delivered:
         self._database = database
         self._now = now
         self._name = name
-        self._inbox: queue.Queue[tuple[str, Callable[[], None]]] = queue.Queue()
+        self._inbox: queue.Queue[Callable[[], None]] = queue.Queue()
         self._acknowledge: Callable[[], None] | None = None
         self._closing = threading.Event()
         self._stop: Callable[[], Any] | None = None
         self._thread = threading.Thread(target=self._deliver, name="delivery", daemon=True)
         self._thread.start()
 
-    def next(self, *, timeout_s: float) -> str | None:
-        """Return the job of the next delivery, or None after `timeout_s`."""
+    def next(self, *, timeout_s: float) -> bool:
+        """Return whether a delivery has come, waiting up to `timeout_s` for one."""
         try:
-            job_id, self._acknowledge = self._inbox.get(timeout=timeout_s)
+            self._acknowledge = self._inbox.get(timeout=timeout_s)
         except queue.Empty:
-            return None
-        return job_id
+            return False
+        return True
 
     def done(self) -> None:
         """Acknowledge the delivery."""
@@ -128,7 +130,7 @@ class Delivered:
             self._stop()
         with suppress(queue.Empty):
             while True:
-                self._inbox.get_nowait()[1]()
+                self._inbox.get_nowait()()
         self._thread.join(_STOP_S)
 
     def _deliver(self) -> None:
@@ -148,14 +150,14 @@ class Delivered:
         loop = asyncio.get_running_loop()
 
         @app.task(name=TASK, queue=QUEUE)
-        async def run_job(job_id: str) -> None:
+        async def run_job(job_id: str) -> None:  # noqa: ARG001 - any job may be meant
             settled = asyncio.Event()
 
             def settle() -> None:
                 with suppress(RuntimeError):
                     loop.call_soon_threadsafe(settled.set)
 
-            self._inbox.put((job_id, settle))
+            self._inbox.put(settle)
             await settled.wait()
 
         async with app.open_async():
@@ -196,7 +198,7 @@ class Delivered:
 
 
 def redeliver_lost(session: Session, *, now: Clock) -> list[str]:
-    """Return the jobs that were due and had no waiting delivery; each has one now.
+    """Return jobs that were due beyond those that deliveries wait for; each has one of its own now.
 
     Deliveries that a dead procrastinate worker holds are dropped.
     """
@@ -207,13 +209,15 @@ def redeliver_lost(session: Session, *, now: Clock) -> list[str]:
         ),
         {"q": QUEUE},
     )
-    waiting = set(
-        session.scalars(
-            text("SELECT args->>'job_id' FROM procrastinate_jobs WHERE status = 'todo' AND queue_name = :q"),
-            {"q": QUEUE},
-        )
-    )
-    lost = [job_id for job_id in overdue(session, now=now()) if job_id not in waiting]
+    waiting = session.scalars(
+        text(
+            "SELECT args->>'job_id' FROM procrastinate_jobs WHERE status = 'todo' AND queue_name = :q"
+            " AND (scheduled_at IS NULL OR scheduled_at <= now())"
+        ),
+        {"q": QUEUE},
+    ).all()
+    missed = overdue(session, now=now())
+    lost = [job_id for job_id in missed if job_id not in waiting][: max(0, len(missed) - len(waiting))]
     for job_id in lost:
         deliver(session, job_id)
     return lost

@@ -8,6 +8,7 @@ that a worker which wakes up late can spoil nothing.
 from __future__ import annotations
 
 import json
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
@@ -16,6 +17,7 @@ from sqlalchemy import ColumnElement, and_, func, or_, select, text, update
 from sqlalchemy.orm import Session
 
 from service.db.models import Job, Revision
+from service.db.turns import due, in_turn, is_any_due
 from service.db.webhooks import add_event
 from service.domain.errors import JobCrashed, JobNotCancellable, JobNotRetryable
 from service.domain.lifecycle import BACK_OFF_S, MAX_ATTEMPTS, JobKind, JobState, RevisionStatus
@@ -43,7 +45,14 @@ class Attempt:
 
 
 def enqueue(
-    session: Session, kind: JobKind, *, job_id: str, map_id: str, subject_id: str, now: datetime
+    session: Session,
+    kind: JobKind,
+    *,
+    job_id: str,
+    map_id: str,
+    subject_id: str,
+    key_id: str | None,
+    now: datetime,
 ) -> Job:
     """Return a new queued job; on PostgreSQL its delivery is deferred in the same transaction.
 
@@ -53,6 +62,8 @@ def enqueue(
         What is to be done.
     job_id, map_id, subject_id : str
         Its id, the map that it belongs to, and the drawing, scan, placement or revision it works on.
+    key_id : str or None
+        Whose turn it takes: the key that asked for it; None is the product itself.
     now : datetime
         The present, with a time zone.
     """
@@ -61,6 +72,7 @@ def enqueue(
         kind=kind.value,
         map_id=map_id,
         subject_id=subject_id,
+        key_id=key_id,
         state=JobState.QUEUED.value,
         attempt=0,
         run_after=_present(session, now),
@@ -78,7 +90,7 @@ def enqueue(
 def deliver(session: Session, job_id: str, *, at: datetime | None = None) -> None:
     """Hand the job to procrastinate in the caller's transaction; does nothing on SQLite, which polls.
 
-    A job may be delivered more than once: `claim` gives it to one.
+    A delivery says that there is a job to claim; which one, `claim` decides.
     """
     if session.get_bind().dialect.name != "postgresql":
         return
@@ -94,7 +106,7 @@ def deliver(session: Session, job_id: str, *, at: datetime | None = None) -> Non
 def claim(
     session: Session, *, worker: str, token: str, lease_s: float, now: datetime, job_id: str | None = None
 ) -> Attempt | None:
-    """Return the oldest job that is due, now held by `token`; None when nothing is due.
+    """Return the job whose turn it is (`service.db.turns`), now held by `token`; None when nothing is due.
 
     Due is what is queued and past its back-off, and what runs under a lease that has expired: its
     worker is lost and this attempt takes over. A lost job whose attempts are used up, or whose cancel
@@ -112,28 +124,29 @@ def claim(
         Claim this job or none.
     """
     now = _present(session, now)
-    wanted = select(Job).where(_due(now)).order_by(Job.run_after, Job.id).limit(1)
-    if job_id is not None:
-        wanted = wanted.where(Job.id == job_id)
-    job = session.scalars(wanted.with_for_update(skip_locked=True)).one_or_none()
-    if job is None:
-        return None
-    if job.state == JobState.RUNNING and not _survives_its_worker(session, job, now=now):
-        return None
-    job.state = JobState.RUNNING.value
-    job.attempt += 1
-    job.attempt_token, job.worker = token, worker
-    job.lease_until = now + timedelta(seconds=lease_s)
-    job.started_at = now
-    job.stage, job.fraction = None, 0.0
-    job.changed += 1
-    return Attempt(job.id, JobKind(job.kind), job.subject_id, job.map_id, job.attempt, token)
+    found = in_turn(session, now=now) if job_id is None else _due_by_id(session, job_id, now=now)
+    for job in found:
+        if job.state == JobState.RUNNING and not _survives_its_worker(session, job, now=now):
+            continue
+        job.state = JobState.RUNNING.value
+        job.attempt += 1
+        job.attempt_token, job.worker = token, worker
+        job.lease_until = now + timedelta(seconds=lease_s)
+        job.started_at = now
+        job.stage, job.fraction = None, 0.0
+        job.changed += 1
+        return Attempt(job.id, JobKind(job.kind), job.subject_id, job.map_id, job.attempt, token)
+    return None
 
 
-def next_due(session: Session, *, now: datetime) -> str | None:
-    """Return the job that `claim` would take; a cheap look that takes no lock."""
-    wanted = select(Job.id).where(_due(_present(session, now))).order_by(Job.run_after, Job.id)
-    return session.scalar(wanted.limit(1))
+def _due_by_id(session: Session, job_id: str, *, now: datetime) -> Sequence[Job]:
+    wanted = select(Job).where(due(now), Job.id == job_id)
+    return session.scalars(wanted.with_for_update(skip_locked=True)).all()
+
+
+def any_due(session: Session, *, now: datetime) -> bool:
+    """Return whether `claim` would find a job."""
+    return is_any_due(session, now=_present(session, now))
 
 
 def overdue(session: Session, *, now: datetime) -> list[str]:
@@ -142,11 +155,11 @@ def overdue(session: Session, *, now: datetime) -> list[str]:
     One that became due a moment ago is left to the delivery that is on its way.
     """
     present = _present(session, now)
-    due = or_(
+    lost = or_(
         and_(Job.state == JobState.QUEUED.value, Job.run_after <= present - timedelta(seconds=_ON_ITS_WAY_S)),
         and_(Job.state == JobState.RUNNING.value, Job.lease_until < present),
     )
-    return list(session.scalars(select(Job.id).where(due).order_by(Job.run_after, Job.id).limit(100)))
+    return list(session.scalars(select(Job.id).where(lost).order_by(Job.run_after, Job.id).limit(100)))
 
 
 def running_tokens(session: Session) -> set[str]:
@@ -298,13 +311,6 @@ def _present(session: Session, now: datetime) -> datetime:
         return now
     present: datetime = session.execute(select(func.clock_timestamp())).scalar_one()
     return present
-
-
-def _due(now: datetime) -> ColumnElement[bool]:
-    return or_(
-        and_(Job.state == JobState.QUEUED.value, Job.run_after <= now),
-        and_(Job.state == JobState.RUNNING.value, Job.lease_until < now),
-    )
 
 
 def _survives_its_worker(session: Session, job: Job, *, now: datetime) -> bool:

@@ -298,7 +298,10 @@ class Publication(Base):
 
 
 class Job(Base):
-    """Background work: the record of its state, whatever delivers it."""
+    """Background work: the record of its state, whatever delivers it.
+
+    `key_id` is the key that asked for it; null is the product itself.
+    """
 
     __tablename__ = "jobs"
     __table_args__ = (
@@ -310,12 +313,14 @@ class Job(Base):
         Index(None, "map_id", "state", "id"),
         Index(None, "kind", "state", "id"),
         Index(None, "subject_id"),
+        Index(None, "started_at"),
     )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     kind: Mapped[str] = mapped_column(String(40))
     map_id: Mapped[str] = mapped_column(ForeignKey("maps.id"))
     subject_id: Mapped[str] = mapped_column(Id)
+    key_id: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
     state: Mapped[str] = mapped_column(String(16))
     attempt: Mapped[int] = mapped_column(default=0)
     attempt_token: Mapped[str | None] = mapped_column(Id)

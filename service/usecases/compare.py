@@ -60,7 +60,7 @@ def compare(kernel: Kernel, actor: Actor, *, map_id: str, n: int, with_n: int) -
         old, new = (ready_revision(session, actor, map_id=map_id, n=k) for k in (with_n, n))
         found = find_comparison(session, from_id=old.id, to_id=new.id)
     if found is None:
-        _ask(kernel, map_id, from_id=old.id, to_id=new.id)
+        _ask(kernel, actor, map_id, from_id=old.id, to_id=new.id)
     with kernel.db.reading() as session:
         return _compared(session, session.get_one(Revision, old.id), session.get_one(Revision, new.id))
 
@@ -99,7 +99,7 @@ def record_comparison(
     row.geometry, row.picture_sha256 = geometry, picture.sha256
 
 
-def _ask(kernel: Kernel, map_id: str, *, from_id: str, to_id: str) -> None:
+def _ask(kernel: Kernel, actor: Actor, map_id: str, *, from_id: str, to_id: str) -> None:
     with kernel.db.writing("ask-comparison") as session:
         find_map(session, map_id, lock=True)
         if find_comparison(session, from_id=from_id, to_id=to_id) is not None:
@@ -111,6 +111,7 @@ def _ask(kernel: Kernel, map_id: str, *, from_id: str, to_id: str) -> None:
             job_id=kernel.new_id("job"),
             map_id=map_id,
             subject_id=comparison_id,
+            key_id=actor.key_id,
             now=now,
         )
         row = Comparison(

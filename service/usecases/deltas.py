@@ -93,6 +93,7 @@ def _wanted(kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, 
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=delta_id,
+        key_id=None,
         now=now,
     )
     session.add(

@@ -51,6 +51,7 @@ def _enqueue(kernel: Kernel, session: Session) -> None:
             job_id=kernel.new_id("job"),
             map_id=first.map_id,
             subject_id=webhook.id,
+            key_id=None,
             now=now,
         )
         webhook.job_id = job.id

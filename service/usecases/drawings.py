@@ -127,6 +127,7 @@ def reread_drawing(
         job_id=kernel.new_id("job"),
         map_id=drawing.map_id,
         subject_id=drawing.id,
+        key_id=actor.key_id,
         now=now,
     )
     drawing.options, drawing.job_id = options.to_json(), job.id

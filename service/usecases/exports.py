@@ -59,6 +59,7 @@ def ask_for_export(
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=export_id,
+        key_id=actor.key_id,
         now=now,
     )
     export = Export(id=export_id, revision_id=revision.id, format=kind.value, job_id=job.id, created_at=now)

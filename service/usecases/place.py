@@ -83,6 +83,7 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
         job_id=kernel.new_id("job"),
         map_id=scan.map_id,
         subject_id=placement_id,
+        key_id=actor.key_id,
         now=now,
     )
     row = Placement(

@@ -45,6 +45,7 @@ def rebuild(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, n: i
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=row.id,
+        key_id=actor.key_id,
         now=kernel.now(),
     )
     record(kernel, session, actor, action="rebuild-revision", subject_id=row.id, map_id=map_id)

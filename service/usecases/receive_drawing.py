@@ -65,6 +65,7 @@ def receive_drawing(
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=drawing_id,
+        key_id=actor.key_id,
         now=now,
     )
     drawing = Drawing(

@@ -59,6 +59,7 @@ def receive_scan(
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=scan_id,
+        key_id=actor.key_id,
         now=now,
     )
     scan = Scan(

@@ -238,6 +238,7 @@ def _add(kernel: Kernel, session: Session, actor: Actor, made: _Made, *, rebased
         job_id=kernel.new_id("job"),
         map_id=made.map_id,
         subject_id=revision_id,
+        key_id=actor.key_id,
         now=now,
     )
     revision = Revision(

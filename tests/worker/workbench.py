@@ -107,6 +107,18 @@ class Workbench:
             session.add(Key(id=self.key_id, name="test", role="admin", digest=self.key_id, created_at=now))
             session.add(Map(id=self.map_id, site="works", name=self.map_id, created_at=now, updated_at=now))
 
+    @contextmanager
+    def another(self, *, key: bool = True, a_map: bool = True) -> Iterator[None]:
+        """Let what is asked for within come from another key, for another map, or both."""
+        before = self.key_id, self.map_id
+        self.prepare()
+        self.key_id = self.key_id if key else before[0]
+        self.map_id = self.map_id if a_map else before[1]
+        try:
+            yield
+        finally:
+            self.key_id, self.map_id = before
+
     def add_drawing(self, path: Path, *, metres_per_px: float = 0.05) -> str:
         """Return the job that reads a drawing: received as an upload is."""
         stored = self.kernel.blobs.adopt(path, keep_source=True)
@@ -120,6 +132,7 @@ class Workbench:
                 job_id=job_id,
                 map_id=self.map_id,
                 subject_id=drawing_id,
+                key_id=self.key_id,
                 now=now,
             )
             session.add(
@@ -155,6 +168,7 @@ class Workbench:
                 job_id=job_id,
                 map_id=self.map_id,
                 subject_id=scan_id,
+                key_id=self.key_id,
                 now=now,
             )
             session.add(
@@ -182,6 +196,7 @@ class Workbench:
                 job_id=job_id,
                 map_id=self.map_id,
                 subject_id=placement_id,
+                key_id=self.key_id,
                 now=now,
             )
             session.add(
@@ -224,6 +239,7 @@ class Workbench:
                 job_id=job_id,
                 map_id=self.map_id,
                 subject_id=revision_id,
+                key_id=self.key_id,
                 now=now,
             )
             session.add(
