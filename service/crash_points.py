@@ -63,6 +63,10 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "record-rebuild",
         "record-deliveries",
         "record-export",
+        # bridge to vehicles
+        "hold-bridge-lease",
+        "end-bridge-lease",
+        "remark-on-robot",
     }
 )
 """Every name that `Database.writing` is called with; each has the points before-commit and after-commit."""

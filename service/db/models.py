@@ -364,3 +364,13 @@ class Upload(Base):
     created_at: Mapped[datetime]
     created_by: Mapped[str] = mapped_column(ForeignKey("keys.id"))
     expires_at: Mapped[datetime] = mapped_column(index=True)
+
+
+class Lease(Base):
+    """A right that one process has at a time, who has it, and until when."""
+
+    __tablename__ = "leases"
+
+    name: Mapped[str] = mapped_column(Id, primary_key=True)
+    holder: Mapped[str] = mapped_column(Name)
+    until: Mapped[datetime]

@@ -21,7 +21,7 @@ from sqlalchemy import (
 )
 from sqlalchemy.orm import Mapped, Session, mapped_column
 
-from service.db.models import Base, Channel, Id, Name, Sha256
+from service.db.models import Base, Channel, Id, Map, Name, Sha256
 from service.domain.lifecycle import RobotState
 
 _STATES = f"IN ({', '.join(repr(str(state)) for state in RobotState)})"
@@ -31,7 +31,8 @@ class Robot(Base):
     """An enrolled device, the channel that it follows, and its latest report; `enabled_n` is what it runs.
 
     `assigned_n` is what a roll-out gives it; null: what its channel points to. `manufacturer` and
-    `serial_number` name it on an MQTT broker, where it speaks VDA 5050.
+    `serial_number` name it on an MQTT broker, where it speaks VDA 5050; `remark` is what is wrong with
+    what it says there.
     """
 
     __tablename__ = "robots"
@@ -57,6 +58,7 @@ class Robot(Base):
     assigned_n: Mapped[int | None]
     manufacturer: Mapped[str | None] = mapped_column(String(100))
     serial_number: Mapped[str | None] = mapped_column(String(100))
+    remark: Mapped[str | None] = mapped_column(Text)
 
 
 class RobotReport(Base):
@@ -110,10 +112,26 @@ def find_robot_of_key(session: Session, key_id: str) -> Robot | None:
     return session.scalars(select(Robot).where(Robot.key_id == key_id)).one_or_none()
 
 
-def list_vehicles(session: Session) -> Sequence[tuple[Robot, int | None]]:
-    """Return the robots that have a name on an MQTT broker, each with the revision that it should have."""
-    query = _with_pointer().where(Robot.serial_number.is_not(None)).order_by(Robot.id)
-    return [(row[0], row[1]) for row in session.execute(query)]
+@dataclass(frozen=True)
+class Vehicle:
+    """Hold a robot that has a name on an MQTT broker, and the revision that it should have.
+
+    Parameters
+    ----------
+    next_n : int
+        The number that its map's next revision gets: no revision has this one or a later one.
+    """
+
+    robot: Robot
+    wanted_n: int | None
+    next_n: int
+
+
+def list_vehicles(session: Session) -> Sequence[Vehicle]:
+    """Return the robots that have a name on an MQTT broker."""
+    query = _with_pointer().add_columns(Map.next_revision).join(Map, Map.id == Robot.map_id)
+    query = query.where(Robot.serial_number.is_not(None)).order_by(Robot.id)
+    return [Vehicle(*row) for row in session.execute(query)]
 
 
 def is_vehicle_known(session: Session, *, manufacturer: str, serial_number: str) -> bool:

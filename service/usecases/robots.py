@@ -227,6 +227,14 @@ def take_report(
     return _followed(session, robot)
 
 
+def remark_on(kernel: Kernel, robot_id: str, remark: str | None) -> None:
+    """Keep what is wrong with what a vehicle says, or None when all is well; its reports stay as they are."""
+    with kernel.db.writing("remark-on-robot") as session:
+        robot = table.find_robot(session, robot_id, lock=True)
+        if robot is not None:
+            robot.remark = remark
+
+
 def show_robot(session: Session, actor: Actor, *, robot_id: str) -> Followed:
     """Return a robot.
 

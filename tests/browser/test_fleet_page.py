@@ -7,6 +7,7 @@ from pathlib import Path
 import httpx
 from playwright.sync_api import expect
 
+from service.usecases.robots import remark_on
 from tests.browser.conftest import Visit
 from tests.server import Server
 from tests.service.asking import ok
@@ -80,3 +81,19 @@ def test_the_counts_agree_with_the_robots(server: Server, admin: httpx.Client) -
     assert told["channels"] == [{"map_id": fleet.map_id, "channel": "stable", "revision": 2}]
     counted = {(one["enabled_revision"], one["progress"]): one["robots"] for one in told["robots"]}
     assert counted == {(2, "up-to-date"): 1, (1, "failed"): 1, (1, "not-enabled"): 1, (1, "not-begun"): 2}
+
+
+def test_what_is_wrong_with_a_vehicle_is_seen_beside_it(visit: Visit, server: Server) -> None:
+    robot = Fleet(server, robots=1).robots[0]
+    remark_on(server.kernel, robot.id, "Its message on state cannot be read: /driving: Field required")
+    watched = visit(server.url)
+    page = watched.page
+    watched.sign_in(server.admin_key)
+    page.get_by_role("link", name="Fleet").click()
+    told = ok(server.client(server.admin_key).get(f"/v1/robots/{robot.id}"))
+    assert told["remark"].endswith("Field required")
+    expect(page.get_by_text("Its messages: Its message on state cannot be read").first).to_be_visible()
+    page.get_by_role("button", name=told["name"]).click()
+    expect(page.get_by_role("dialog").get_by_text("/driving: Field required")).to_be_visible()
+    watched.accessible()
+    watched.clean()

@@ -276,8 +276,14 @@ STATUS = {
     "finish-upload": {204, 409},
     "upload": {204, 409},
 }
-ELSEWHERE = ("create-first-key", "prune-revisions")
-"""Tried by tests of their own: the last test here, and tests/service/test_retention.py."""
+ELSEWHERE = (
+    "create-first-key",
+    "prune-revisions",
+    "hold-bridge-lease",
+    "end-bridge-lease",
+    "remark-on-robot",
+)
+"""Tried by tests of their own: the last test here, in test_retention.py and in test_vda5050_faults.py."""
 POINTS = sorted(
     p
     for p in CRASH_POINTS

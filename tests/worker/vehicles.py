@@ -26,7 +26,8 @@ from vda5050.model.common import Action
 from vda5050.model.enums import ActionStatus, MapStatus
 from vda5050.model.state import Map
 
-MAKER = "Works"
+from tests.worker.vehicle_messages import MAKER, a_connection, a_message
+
 _START_S = 20.0
 
 
@@ -112,21 +113,25 @@ class PackageVehicle:
 
 
 class PlainVehicle:
-    """A vehicle that speaks 3.0: instant actions have states of their own, with an `actionResult`."""
+    """A vehicle written by hand, by default of 3.0: instant actions have states of their own there.
 
-    def __init__(self, port: int, serial_number: str) -> None:
+    It says what it does; `tell` may be given another way to say it.
+    """
+
+    def __init__(self, port: int, serial_number: str, version: str = "3.0.0") -> None:
         self.serial_number, self.fetched, self.excuse = serial_number, [], None
+        self.is_driving = False
+        self.topic = f"uagv/v{version[0]}/{MAKER}/{serial_number}"
+        self._version = version
         self._maps: dict[tuple[str, str], str] = {}
         self._states: dict[str, dict[str, str]] = {}
         self._header = 0
-        self._topic = f"uagv/v3/{MAKER}/{serial_number}"
         self._client = Client(CallbackAPIVersion.VERSION2)
         self._client.on_message = self._heard
         self._client.connect("127.0.0.1", port)
-        self._client.subscribe(f"{self._topic}/instantActions", qos=1)
+        self._client.subscribe(f"{self.topic}/instantActions", qos=1)
         self._client.loop_start()
-        online = {"version": "3.0.0", "connectionState": "ONLINE"}
-        self._client.publish(f"{self._topic}/connection", json.dumps(online), qos=1, retain=True)
+        self.say("connection", json.dumps(a_connection(version)).encode(), retain=True)
 
     def maps(self) -> dict[str, str]:
         """Return the status of each version of the map that it has."""
@@ -137,10 +142,38 @@ class PlainVehicle:
         self._client.disconnect()
         self._client.loop_stop()
 
+    def say(self, subtopic: str, payload: bytes, *, retain: bool = False) -> None:
+        """Send any bytes."""
+        self._client.publish(f"{self.topic}/{subtopic}", payload, qos=1, retain=retain)
+
+    def remember(self, action_id: str, **state: str) -> None:
+        """Have the state of an action that was asked for some time ago."""
+        self._states[action_id] = state
+
+    def state(self) -> dict[str, Any]:
+        """Return what it would say now."""
+        self._header += 1
+        key = "instantActionStates" if self._version[0] == "3" else "actionStates"
+        return a_message(
+            self._version,
+            headerId=self._header,
+            serialNumber=self.serial_number,
+            driving=self.is_driving,
+            maps=[
+                {"mapId": map_id, "mapVersion": version, "mapStatus": status}
+                for (map_id, version), status in list(self._maps.items())
+            ],
+            **{key: [{"actionId": k, **v} for k, v in list(self._states.items())]},
+        )
+
+    def tell(self) -> None:
+        """Say how it is."""
+        self.say("state", json.dumps(self.state()).encode())
+
     def _heard(self, _client: Client, _data: object, message: MQTTMessage) -> None:
         for action in json.loads(message.payload)["actions"]:
             self._act(action)
-        self._tell()
+        self.tell()
 
     def _act(self, action: dict[str, Any]) -> None:
         told = {p["key"]: p["value"] for p in action["actionParameters"]}
@@ -149,7 +182,8 @@ class PlainVehicle:
         state = self._states[action["actionId"]] = {"actionStatus": "FINISHED"}
         key = told["mapId"], told["mapVersion"]
         if self.excuse is not None:
-            state |= {"actionStatus": "FAILED", "actionResult": self.excuse}
+            words = "actionResult" if self._version[0] == "3" else "resultDescription"
+            state |= {"actionStatus": "FAILED", words: self.excuse}
         elif action["actionType"] == "downloadMap":
             self.fetched.append(fetch(told))
             self._maps[key] = "DISABLED"
@@ -157,23 +191,6 @@ class PlainVehicle:
             del self._maps[key]
         else:
             self._maps = dict.fromkeys(self._maps, "DISABLED") | {key: "ENABLED"}
-
-    def _tell(self) -> None:
-        self._header += 1
-        state = {
-            "headerId": self._header,
-            "timestamp": "2026-01-01T12:00:00.000Z",
-            "version": "3.0.0",
-            "manufacturer": MAKER,
-            "serialNumber": self.serial_number,
-            "actionStates": [],
-            "instantActionStates": [{"actionId": k, **v} for k, v in self._states.items()],
-            "maps": [
-                {"mapId": map_id, "mapVersion": version, "mapStatus": status}
-                for (map_id, version), status in self._maps.items()
-            ],
-        }
-        self._client.publish(f"{self._topic}/state", json.dumps(state), qos=1)
 
 
 class Overhearing:
@@ -186,6 +203,10 @@ class Overhearing:
         self._client.connect("127.0.0.1", port)
         self._client.subscribe("uagv/+/+/+/instantActions", qos=1)
         self._client.loop_start()
+
+    def actions(self) -> list[dict[str, Any]]:
+        """Return what was asked for."""
+        return [action for message in list(self.messages) for action in message["actions"]]
 
     def close(self) -> None:
         """Leave the broker."""

@@ -2,12 +2,16 @@
 
 from __future__ import annotations
 
+import os
 import secrets
 import signal
+import socket
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
-from urllib.parse import unquote, urlsplit
+from urllib.parse import SplitResult, unquote, urlsplit
 
 import structlog
 from paho.mqtt.client import Client, ConnectFlags, MQTTMessage
@@ -16,17 +20,20 @@ from paho.mqtt.properties import Properties
 from paho.mqtt.reasoncodes import ReasonCode
 from pydantic import ValidationError
 
-from service import logs
+from service import crash_points, logs
 from service.db.session import Database, open_engine
 from service.domain.errors import DatabaseBusy
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
 from worker.vda5050.bridge import Bridge
+from worker.vda5050.turn import Turn
 
 _LOOK_EVERY_S = 0.5
 _PORTS = {"mqtt": 1883, "mqtts": 8883}
 _AT_LEAST_ONCE = 1
+_CLIENT = "groundplan-"
+"""How the client id begins; with 12 digits it has the 23 characters that every broker takes (MQTT 3.1.1)."""
 
 log = structlog.get_logger(__name__)
 
@@ -43,40 +50,63 @@ def main() -> int:
     if broker.scheme not in _PORTS or not broker.hostname:
         return _refuse("GROUNDPLAN_MQTT_URL has to be mqtt://host[:port] or mqtts://host[:port]")
     logs.configure(level=settings.log_level)
+    crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
     kernel = Kernel(
         db=Database(open_engine(settings.url())),
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
     )
-    client = Client(CallbackAPIVersion.VERSION2, client_id="groundplan-vda5050")
-    bridge = Bridge(
-        kernel,
-        send=lambda topic, payload: _send(client, topic, payload),
-        base_url=settings.public_url,
-    )
-    _listen(client, bridge, interface=settings.mqtt_interface)
-    if broker.username:
-        client.username_pw_set(unquote(broker.username), unquote(broker.password or ""))
-    if broker.scheme == "mqtts":
-        client.tls_set()
+    process = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
+    turn = Turn(kernel, holder=process, lease_s=settings.lease_s, beat_s=settings.beat_s)
     stopping = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _signal, _frame: stopping.set())
-    client.reconnect_delay_set(min_delay=1, max_delay=30)
-    client.connect_async(broker.hostname, broker.port or _PORTS[broker.scheme])
-    client.loop_start()
     try:
-        _look_until(stopping, bridge)
+        while not stopping.wait(_LOOK_EVERY_S):
+            if turn.is_ours():
+                with _connected(broker, settings.mqtt_interface, kernel, settings.public_url) as (
+                    client,
+                    bridge,
+                ):
+                    _look_until(stopping, turn, client, bridge)
     finally:
-        client.disconnect()
-        client.loop_stop()
+        with suppress(DatabaseBusy):
+            turn.end()
         kernel.db.close()
     return 0
 
 
-def _look_until(stopping: threading.Event, bridge: Bridge) -> None:
+@contextmanager
+def _connected(
+    broker: SplitResult, interface: str, kernel: Kernel, base_url: str
+) -> Iterator[tuple[Client, Bridge]]:
+    """Give a bridge that hears the vehicles, under a name on the broker that no other process has."""
+    client = Client(CallbackAPIVersion.VERSION2, client_id=f"{_CLIENT}{secrets.token_hex(6)}")
+    bridge = Bridge(kernel, send=lambda topic, payload: _send(client, topic, payload), base_url=base_url)
+    _listen(client, bridge, interface=interface)
+    if broker.username:
+        client.username_pw_set(unquote(broker.username), unquote(broker.password or ""))
+    if broker.scheme == "mqtts":
+        client.tls_set()
+    client.reconnect_delay_set(min_delay=1, max_delay=30)
+    client.connect_async(broker.hostname or "", broker.port or _PORTS[broker.scheme])
+    client.loop_start()
+    try:
+        yield client, bridge
+    finally:
+        client.disconnect()
+        client.loop_stop()
+
+
+def _look_until(stopping: threading.Event, turn: Turn, client: Client, bridge: Bridge) -> None:
+    """Look while it is this process's turn; without the broker nothing is asked, so that nothing piles up."""
     while not stopping.wait(_LOOK_EVERY_S):
+        if not turn.is_ours():
+            log.warning("the right to be the active bridge is lost")
+            return
+        if not client.is_connected():
+            continue
         try:
             bridge.look()
         except DatabaseBusy as busy:
@@ -96,7 +126,10 @@ def _listen(client: Client, bridge: Bridge, *, interface: str) -> None:
         client.subscribe([(f"{interface}/+/+/+/{name}", _AT_LEAST_ONCE) for name in ("state", "connection")])
 
     def heard(_client: Client, _data: object, message: MQTTMessage) -> None:
-        bridge.hear(message.topic, bytes(message.payload))
+        try:
+            bridge.hear(message.topic, bytes(message.payload))
+        except Exception:
+            log.exception("a message cannot be taken")
 
     client.on_connect = connected
     client.on_message = heard

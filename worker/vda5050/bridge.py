@@ -12,30 +12,33 @@ import structlog
 from sqlalchemy.orm import Session
 
 from service.db.robots import Robot, list_vehicles
+from service.db.robots import Vehicle as Enrolled
 from service.domain.access import Actor
-from service.domain.errors import DomainError
+from service.domain.errors import DatabaseBusy, DomainError
 from service.domain.lifecycle import RobotState, Role
 from service.usecases.kernel import Kernel
 from service.usecases.links import LONGEST_S, link_path, sign_link
-from service.usecases.robots import take_report
+from service.usecases.robots import remark_on, take_report
 from worker.vda5050.course import Course, Step
+from worker.vda5050.faults import Faults, Name
 from worker.vda5050.messages import (
+    OURS,
     Action,
     ActionState,
     ActionType,
-    NoState,
     VehicleState,
     instant_actions,
     online_version,
+    plain,
     read_state,
 )
+from worker.vda5050.schema import NoState
 
 PACKAGE = "package.tar"
 
 log = structlog.get_logger(__name__)
 
-Name = tuple[str, str]
-"""Manufacturer and serial number of a vehicle."""
+_SHOWN_VERSION = 40
 
 
 class Send(Protocol):
@@ -87,44 +90,79 @@ class Bridge:
         self._base_url = base_url.rstrip("/")
         self._clock = clock
         self._heard: dict[Name, _Heard] = {}
+        self._wrong: dict[Name, str] = {}
         self._lock = threading.Lock()
         self._vehicles: dict[Name, _Vehicle] = {}
+        self._faults = Faults()
 
     def hear(self, topic: str, payload: bytes) -> None:
         """Take a message of the topic `state` or `connection` of a vehicle; from any thread.
 
-        One that comes online is asked for its state; one that goes is asked for nothing.
+        One that comes online is asked for its state; one that goes is asked for nothing. A message that is
+        not what the published schema says changes nothing but that this is told of its vehicle.
         """
         prefix, _, subtopic = topic.rpartition("/")
         _, manufacturer, serial_number = prefix.rsplit("/", 2)
+        name = manufacturer, serial_number
         try:
             if subtopic == "state":
                 heard = _Heard(prefix, read_state(payload))
             else:
                 heard = _Heard(prefix, None, online_version(payload))
         except NoState as error:
-            log.warning("a message cannot be read", topic=topic, cause=str(error))
+            with self._lock:
+                self._wrong[name] = plain(f"Its message on {subtopic} cannot be read: {error}")
             return
         with self._lock:
-            self._heard[manufacturer, serial_number] = heard
+            self._heard[name] = heard
 
     def look(self) -> None:
-        """Go through the robots that were heard: report what is new, and ask for what is next."""
+        """Go through the robots that were heard: report what is new, and ask for what is next.
+
+        Whatever is wrong with one vehicle is told of it, and the others are served.
+
+        Raises
+        ------
+        DatabaseBusy
+            If the database did not answer: what was heard is kept for the next look.
+        """
+        with self._kernel.db.reading() as session:
+            enrolled = {_name(one.robot): one for one in list_vehicles(session)}
         with self._lock:
             heard, self._heard = self._heard, {}
-        with self._kernel.db.reading() as session:
-            robots = list_vehicles(session)
-        known = {(robot.manufacturer or "", robot.serial_number or "") for robot, _ in robots}
-        for name in heard.keys() & known:
+            wrong, self._wrong = self._wrong, {}
+        for name in heard.keys() & enrolled:
             self._take(name, heard[name])
-        for robot, wanted_n in robots:
-            vehicle_of = self._vehicles.get((robot.manufacturer or "", robot.serial_number or ""))
-            if vehicle_of is None:
-                continue
-            try:
-                self._follow(robot, wanted_n, vehicle_of)
-            except DomainError as refusal:
-                log.warning("a vehicle cannot be followed", robot=robot.id, cause=refusal.detail)
+            self._faults.right(name)
+        for name in wrong.keys() & enrolled:
+            self._faults.wrong(name, wrong[name], now=self._clock())
+        for name, one in enrolled.items():
+            self._serve(name, one)
+
+    def _serve(self, name: Name, one: Enrolled) -> None:
+        """Follow one vehicle and say what is wrong with it; nothing that it does reaches another."""
+        vehicle, remark = self._vehicles.get(name), self._faults.of(name, now=self._clock())
+        try:
+            if vehicle is not None:
+                remark = self._follow(one, vehicle) or remark
+        except DatabaseBusy as busy:
+            log.warning("the database did not answer", cause=busy.members.get("cause"))
+            return
+        except DomainError as refusal:
+            remark = refusal.detail
+        except Exception:
+            log.exception("a vehicle cannot be followed", robot=one.robot.id)
+            remark = "The bridge has a fault with this vehicle; its log has the details."
+        if remark != one.robot.remark and (remark is not None or vehicle is not None):
+            self._remark(one.robot, remark)
+
+    def _remark(self, robot: Robot, remark: str | None) -> None:
+        """Tell of a vehicle what is wrong with it, or that nothing is."""
+        log.warning("what is wrong with a vehicle", robot=robot.id, remark=remark)
+        try:
+            remark_on(self._kernel, robot.id, remark)
+        except DatabaseBusy as busy:
+            log.warning("the database did not answer", cause=busy.members.get("cause"))
 
     def _take(self, name: Name, heard: _Heard) -> None:
         """Remember what an enrolled vehicle has said."""
@@ -134,7 +172,7 @@ class Bridge:
         elif heard.version is None:
             self._vehicles.pop(name, None)
         elif name not in self._vehicles:
-            action = Action(self._kernel.new_id("act"), ActionType.STATE, {})
+            action = Action(f"{OURS}{self._kernel.new_id('act')}", ActionType.STATE, {})
             message = instant_actions(
                 action,
                 header_id=0,
@@ -145,24 +183,33 @@ class Bridge:
             )
             self._send(f"{heard.prefix}/instantActions", message)
 
-    def _follow(self, robot: Robot, wanted_n: int | None, vehicle: _Vehicle) -> None:
+    def _follow(self, one: Enrolled, vehicle: _Vehicle) -> str | None:
+        """Report what is new of a vehicle and ask for what is next; return what is wrong with it, or None."""
+        robot, wanted_n = one.robot, one.wanted_n
         if vehicle.course is None or vehicle.course.map_id != robot.map_id:
             vehicle.course = Course(robot.map_id)
         course = vehicle.course
-        held = course.versions(vehicle.state)
+        course.want(wanted_n)
+        held = course.versions(vehicle.state, below=one.next_n)
         enabled = next((n for n, is_enabled in held.items() if is_enabled), None)
         if enabled is not None and robot.enabled_n != enabled:
             self._report(robot, enabled, RobotState.ENABLED)
-        if wanted_n is None:
-            return
-        if wanted_n in held and enabled != wanted_n and not _has_told(robot, wanted_n):
-            self._report(robot, wanted_n, RobotState.DOWNLOADED)
-        failed = course.failure(vehicle.state, wanted_n)
-        if enabled != wanted_n and failed is not None and not _has_told(robot, wanted_n, failed):
-            self._report(robot, wanted_n, RobotState.FAILED, detail=failed.result)
-        step = course.next_step(vehicle.state, wanted_n, now=self._clock())
-        if step is not None:
-            self._ask(robot, vehicle, step)
+        if wanted_n is not None:
+            if wanted_n in held and enabled != wanted_n and not _has_told(robot, wanted_n):
+                self._report(robot, wanted_n, RobotState.DOWNLOADED)
+            if enabled != wanted_n:
+                self._tell_failure(robot, wanted_n, course, vehicle.state)
+            step = course.next_step(vehicle.state, wanted_n, now=self._clock(), below=one.next_n)
+            if step is not None:
+                self._ask(robot, vehicle, step)
+        return None if enabled is not None else _foreign(vehicle.state, robot.map_id)
+
+    def _tell_failure(self, robot: Robot, n: int, course: Course, state: VehicleState) -> None:
+        """Pass on a failure: the first with this revision in any case, then each that has other words."""
+        failed = course.failure(state, n)
+        if failed is not None and not (course.has_told_failure and _has_told(robot, n, failed)):
+            self._report(robot, n, RobotState.FAILED, detail=failed.result)
+            course.has_told_failure = True
 
     def _report(self, robot: Robot, n: int, state: RobotState, *, detail: str | None = None) -> None:
         """Take a report as if the vehicle had sent it with its robot's own key."""
@@ -203,6 +250,19 @@ class Bridge:
         )
         path = link_path(signed.signature, map_id=robot.map_id, n=n, path=PACKAGE)
         return {"mapDownloadLink": self._base_url + path, "mapHash": f"sha256:{signed.file.sha256}"}
+
+
+def _name(robot: Robot) -> Name:
+    return robot.manufacturer or "", robot.serial_number or ""
+
+
+def _foreign(state: VehicleState, map_id: str) -> str | None:
+    """Return what to say of a vehicle whose enabled version is no revision of the map, or None."""
+    for (found_id, version), is_enabled in state.maps.items():
+        if found_id == map_id and is_enabled:
+            shown = version if len(version) <= _SHOWN_VERSION else f"{version[:_SHOWN_VERSION]}..."
+            return plain(f"It uses the version {shown!r} of its map, which is none of the map's revisions.")
+    return None
 
 
 def _actor(robot: Robot) -> Actor:

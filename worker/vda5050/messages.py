@@ -9,6 +9,14 @@ from datetime import UTC, datetime
 from enum import StrEnum
 from typing import Any
 
+from worker.vda5050.schema import ActionEntry, ConnectionMessage, StateMessage, read_message
+
+OURS = "groundplan-"
+"""How the ids of actions begin that are asked for here."""
+
+LONGEST_WORDS = 2000
+"""Longest sentence of a vehicle that is kept [characters]: as that of a robot's own report."""
+
 
 class ActionType(StrEnum):
     """The instant actions about maps, and that which asks for a state."""
@@ -37,8 +45,13 @@ class ActionState:
 
     @property
     def has_failed(self) -> bool:
-        """Return whether the vehicle has given it up."""
-        return self.status == "FAILED"
+        """Return whether the vehicle has given it up; one that would try again if told is asked anew."""
+        return self.status in {"FAILED", "RETRIABLE"}
+
+    @property
+    def has_ended(self) -> bool:
+        """Return whether nothing more comes of it."""
+        return self.has_failed or self.status == "FINISHED"
 
 
 @dataclass(frozen=True)
@@ -53,15 +66,14 @@ class VehicleState:
         The maps that it has, by id and version, and whether each is enabled.
     actions : mapping of str to ActionState
         Actions that it knows, by id.
+    is_idle : bool
+        Whether it stands, without an order: a map may be enabled only then.
     """
 
     version: str
     maps: Mapping[tuple[str, str], bool]
     actions: Mapping[str, ActionState]
-
-
-class NoState(ValueError):
-    """The message is no state of a vehicle."""
+    is_idle: bool
 
 
 def read_state(payload: bytes) -> VehicleState:
@@ -70,31 +82,24 @@ def read_state(payload: bytes) -> VehicleState:
     Raises
     ------
     NoState
-        If the message is no JSON object of that kind; what has nothing to do with maps is not looked at.
+        If the message is not what the published schema says.
 
     Notes
     -----
-    Version 2.1 has instant actions among `actionStates` with a `resultDescription`; 3.0 has
-    `instantActionStates` with an `actionResult`.
+    Version 2.x has instant actions among `actionStates` with a `resultDescription`; 3.x has
+    `instantActionStates` with an `actionResult`. An order is active while nodes or edges are still to be
+    driven, or an action that is not ours goes on.
     """
-    try:
-        told = json.loads(payload)
-        states = [*told.get("actionStates", ()), *told.get("instantActionStates", ())]
-        return VehicleState(
-            str(told["version"]),
-            {
-                (str(m["mapId"]), str(m["mapVersion"])): m["mapStatus"] == "ENABLED"
-                for m in told.get("maps") or ()
-            },
-            {
-                str(a["actionId"]): ActionState(
-                    str(a["actionStatus"]), a.get("resultDescription") or a.get("actionResult")
-                )
-                for a in states
-            },
-        )
-    except (ValueError, TypeError, KeyError, AttributeError) as error:
-        raise NoState(str(error)) from error
+    told = read_message(StateMessage, payload)
+    entries = [*told.action_states, *(told.instant_action_states or ())]
+    order = {a.action_id: _state_of(a) for a in told.action_states if not a.action_id.startswith(OURS)}
+    stands = not told.driving and not told.node_states and not told.edge_states
+    return VehicleState(
+        told.version,
+        {(m.map_id, m.map_version): m.map_status == "ENABLED" for m in told.maps or ()},
+        {a.action_id: _state_of(a) for a in entries},
+        stands and all(state.has_ended for state in order.values()),
+    )
 
 
 def online_version(payload: bytes) -> str | None:
@@ -103,13 +108,24 @@ def online_version(payload: bytes) -> str | None:
     Raises
     ------
     NoState
-        If it is no such message.
+        If the message is not what the published schema says.
     """
-    try:
-        told = json.loads(payload)
-        return str(told["version"]) if told["connectionState"] == "ONLINE" else None
-    except (ValueError, TypeError, KeyError) as error:
-        raise NoState(str(error)) from error
+    told = read_message(ConnectionMessage, payload)
+    return told.version if told.connection_state == "ONLINE" else None
+
+
+def _state_of(action: ActionEntry) -> ActionState:
+    words = action.result_description or action.action_result
+    return ActionState(action.action_status, None if words is None else plain(words))
+
+
+def plain(words: str) -> str:
+    """Return the words of a vehicle as they are kept and shown: one line, none too long.
+
+    Control characters (of which a database takes not all) and surrogates become spaces.
+    """
+    shown = "".join(c if c.isprintable() else " " for c in words[: 2 * LONGEST_WORDS])
+    return " ".join(shown.split())[:LONGEST_WORDS]
 
 
 def instant_actions(

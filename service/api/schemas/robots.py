@@ -77,6 +77,9 @@ class RobotOut(Output):
     reported_revision: int | None
     reported_at: datetime | None
     detail: str | None
+    remark: str | None = Field(
+        description="What is wrong with what it says over VDA 5050; null when all is well."
+    )
 
     @classmethod
     def of(cls, followed: Followed) -> Self:
@@ -135,4 +138,5 @@ def _fields(followed: Followed) -> dict[str, object]:
         "reported_revision": robot.reported_n,
         "reported_at": robot.reported_at,
         "detail": robot.detail,
+        "remark": robot.remark,
     }

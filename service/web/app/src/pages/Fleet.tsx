@@ -27,7 +27,7 @@ export function Fleet({ session }: { session: Session }) {
     { name: t("fleet.runs"), width: "6rem", show: (robot) => robot.enabled_revision ?? "–" },
     { name: t("fleet.wanted"), width: "6rem", show: (robot) => robot.wanted_revision ?? "–" },
     { name: t("fleet.progress"), width: "10rem", show: (robot) => <Chip tone={TONES[robot.progress] ?? "quiet"}>{named("progress", robot.progress)}</Chip> },
-    { name: t("fleet.seen"), width: "minmax(10rem, 1fr)", show: (robot) => robot.detail ?? (robot.reported_at ? whenText(robot.reported_at) : "–") },
+    { name: t("fleet.seen"), width: "minmax(10rem, 1fr)", show: (robot) => (robot.remark && `${t("fleet.remark")}: ${robot.remark}`) ?? robot.detail ?? (robot.reported_at ? whenText(robot.reported_at) : "–") },
   ];
   return (
     <>

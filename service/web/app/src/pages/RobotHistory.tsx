@@ -9,6 +9,7 @@ export function RobotHistory({ robot, close }: { robot: Robot; close: () => void
   return (
     <Dialog title={`${robot.name}: ${t("fleet.history")}`} close={close}>
       <Failure error={error} />
+      {robot.remark && <p>{t("fleet.remark")}: {robot.remark}</p>}
       {!value && !error && <Loading />}
       {value?.items.length === 0 && <p class="quiet">{t("fleet.noReports")}</p>}
       <ol class="reasons">
