@@ -399,18 +399,19 @@ def decode(old: Path, delta: Path, fresh: Path) -> None:
     """Write at `fresh` the file that `delta` gives to whoever has `old`."""
     zstd = find_zstd()
     if isinstance(zstd, str):
-        command = [zstd, "-d", "-q", "-f", f"--patch-from={old.resolve()}", str(delta), "-o", str(fresh)]
+        command = [zstd, "-d", "-q", "-f", "--long=31", f"--patch-from={old.resolve()}", str(delta)]
+        command += ["-o", str(fresh)]
         done = subprocess.run(command, capture_output=True, text=True, check=False)
         if done.returncode:
             raise NotDone(f"zstd could not read the delta: {done.stderr.strip()}")
         return
-    prefix = zstd.ZstdDict(old.read_bytes(), is_raw=True).as_prefix
     options = {zstd.DecompressionParameter.window_log_max: 31}
     try:
+        prefix = zstd.ZstdDict(old.read_bytes(), is_raw=True).as_prefix
         with zstd.open(delta, "rb", zstd_dict=prefix, options=options) as source, fresh.open("wb") as sink:
             shutil.copyfileobj(source, sink, CHUNK_BYTES)
-    except (zstd.ZstdError, EOFError) as error:
-        raise NotDone(f"the delta could not be read: {error}") from error
+    except (zstd.ZstdError, EOFError, MemoryError) as error:
+        raise NotDone(f"the delta could not be read: {error or 'there is not enough memory'}") from error
 
 
 def read_header(file: IO[bytes]) -> bytes:

@@ -25,3 +25,9 @@ def record_blob(session: Session, sha256: str, *, size_bytes: int, media_type: s
 def is_recorded(session: Session, sha256: str) -> bool:
     """Return whether the blob has a row."""
     return session.get(Blob, sha256) is not None
+
+
+def blob_size(session: Session, sha256: str) -> int | None:
+    """Return the size of a blob [bytes], or None if it has no row."""
+    row = session.get(Blob, sha256)
+    return None if row is None else row.size_bytes

@@ -7,13 +7,14 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from service.db.blobs import record_blob
+from service.db.blobs import blob_size, record_blob
 from service.db.deltas import Delta, find_delta, is_cloud_of
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.maps import find_map
 from service.db.revisions import find_artifact, find_revision
 from service.domain.access import Actor
+from service.domain.dictionary import is_window_taken
 from service.domain.errors import ArtifactNotFound, DeltaNotReady
 from service.domain.lifecycle import JobKind, JobState
 from service.storage.blobs import Stored
@@ -107,7 +108,8 @@ def dictionary_form(
 ) -> CodedForm | None:
     """Return the cloud `wanted_sha256` as what it adds to the one that the robot holds, if that is made.
 
-    If it is not, and the robot holds a cloud of the same map, this call has asked for it.
+    If it is not, and the robot holds a cloud of the same map, this call has asked for it. What a client of
+    the coding may refuse for its window is never given: such a robot takes the delta as a file, or the tiles.
 
     Raises
     ------
@@ -116,6 +118,11 @@ def dictionary_form(
     """
     with kernel.db.reading() as session:
         covered_map(session, actor, map_id=map_id)
+        held_bytes, wanted_bytes = (
+            blob_size(session, sha256) or 0 for sha256 in (held_sha256, wanted_sha256)
+        )
+        if not is_window_taken(held_bytes, content_bytes=wanted_bytes):
+            return None
         found = find_delta(session, from_sha256=held_sha256, to_sha256=wanted_sha256)
         if found is not None:
             return _form(kernel, found)

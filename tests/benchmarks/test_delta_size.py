@@ -74,7 +74,9 @@ def test_a_delta_is_a_few_percent(seed: int, tmp_path: Path) -> None:
     begun = time.perf_counter()
     write_delta(delta, old=old, new=new)
     took = time.perf_counter() - begun
-    subprocess.run(["zstd", "-dqf", f"--patch-from={old}", delta, "-o", tmp_path / "out.pcd"], check=True)
+    subprocess.run(
+        ["zstd", "-dqf", "--long=31", f"--patch-from={old}", delta, "-o", tmp_path / "out.pcd"], check=True
+    )
     assert (tmp_path / "out.pcd").read_bytes() == new.read_bytes()
 
     full = new.stat().st_size

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import random
 import subprocess
 import time
 from dataclasses import dataclass
@@ -70,7 +71,7 @@ def test_a_delta_is_made_once_and_the_zstd_program_reads_it(
     assert (part.status_code, part.content) == (206, delta[5:])
     (tmp_path / "old.pcd").write_bytes(two.old["point-cloud.pcd"])
     (tmp_path / "delta.zst").write_bytes(delta)
-    patch = ["zstd", "-dqc", f"--patch-from={tmp_path / 'old.pcd'}", tmp_path / "delta.zst"]
+    patch = ["zstd", "-dqc", "--long=31", f"--patch-from={tmp_path / 'old.pcd'}", tmp_path / "delta.zst"]
     done = subprocess.run(patch, capture_output=True, check=True)
     assert done.stdout == two.new["point-cloud.pcd"]
     (tmp_path / "old.pcd").write_bytes(two.old["point-cloud.pcd"][:-16] + bytes(16))
@@ -109,10 +110,56 @@ def test_a_client_with_dictionaries_gets_the_same_by_content_coding(
     assert "Available-Dictionary" in coded.headers["vary"]
     (tmp_path / "held.pcd").write_bytes(held)
     (tmp_path / "frame.zst").write_bytes(coded.content[len(head) :])
-    patch = ["zstd", "-dqc", f"--patch-from={tmp_path / 'held.pcd'}", tmp_path / "frame.zst"]
+    patch = ["zstd", "-dqc", "--long=31", f"--patch-from={tmp_path / 'held.pcd'}", tmp_path / "frame.zst"]
     assert subprocess.run(patch, capture_output=True, check=True).stdout == two.old["point-cloud.pcd"]
     asking["Available-Dictionary"] = f":{base64.b64encode(bytes(32)).decode()}:"
     assert get().headers["content-encoding"] == "zstd", "a cloud that this map never had"
+
+
+@pytest.mark.parametrize(
+    ("held_bytes", "wanted_bytes", "is_coded"),
+    [
+        (1_000, 7_999_999, True),
+        (1_000, 8_000_000, False),
+        (8_000_000, 9_999_999, True),
+        (8_000_000, 10_000_000, False),
+    ],
+)
+def test_no_window_is_sent_that_a_client_may_refuse(
+    admin: httpx.Client,
+    by_hand: ByHand,
+    client_for: ClientFor,
+    tmp_path: Path,
+    held_bytes: int,
+    wanted_bytes: int,
+    *,
+    is_coded: bool,
+) -> None:
+    """A delta whose window is not below the limit of RFC 9842 is given as a file, never as a coding."""
+    map_id = a_map(admin)
+    held, wanted = (
+        random.Random(n).randbytes(1 << 16) * (n // (1 << 16) + 1) for n in (held_bytes, wanted_bytes)
+    )
+    clouds = held[:held_bytes], wanted[:wanted_bytes]
+    for cloud in clouds:
+        built_revision(admin, by_hand, map_id, {"point-cloud.pcd": cloud})
+    robot = client_for("robot", [map_id])
+    where = f"/v1/maps/{map_id}/revisions/2"
+    offer = base64.b64encode(hashlib.sha256(clouds[0]).digest()).decode()
+    asking = {"Accept-Encoding": "dcz", "Available-Dictionary": f":{offer}:"}
+
+    def coding() -> str | None:
+        with robot.stream("GET", f"{where}/artifacts/point-cloud.pcd", headers=asking) as answer:
+            assert answer.status_code == 200
+            return answer.headers.get("content-encoding")
+
+    assert coding() is None, "it has still to be made, or will never be sent"
+    jobs = ok(admin.get("/v1/jobs", params={"kind": "make-delta", "map": map_id}))["items"]
+    assert len(jobs) == (1 if is_coded else 0), "what would never be sent is not made for it"
+    job = refused(robot.get(f"{where}/delta?from=1"), 503, "delta-not-ready")["job_id"]
+    delta = make_delta(by_hand, job, tmp_path)
+    assert coding() == ("dcz" if is_coded else None)
+    assert robot.get(f"{where}/delta?from=1").content == delta
 
 
 def test_a_delta_that_could_not_be_made_says_so(two: Two, by_hand: ByHand) -> None:

@@ -10,6 +10,9 @@ from typing import Any
 
 from tests.worker.vehicle_messages import a_connection
 
+LONGEST_BYTES = 3 << 20
+"""Longest message that is made: well above what is read, well below what a broker takes."""
+
 WORDS = (
     "\ud800",
     "\udfff\ud800",
@@ -77,7 +80,7 @@ def _more(message: dict[str, Any], rng: random.Random) -> dict[str, Any]:
     """Give a message more of what it has: fields that nobody knows, long lists."""
     lists = [holder[key] for holder, key in _places(message) if isinstance(holder[key], list)]
     if lists and rng.random() < 0.5:
-        rng.choice(lists).extend([_value(rng)] * rng.choice([1, 10, 1000]))
+        rng.choice(lists).extend([rng.choice([*WORDS, *NUMBERS, None])] * rng.choice([1, 10, 100]))
     else:
         message[rng.choice(WORDS)] = _value(rng)
     return message
@@ -186,5 +189,5 @@ def broken(state: dict[str, Any], rng: random.Random) -> tuple[str, bytes]:
         if not _places(message) or "maps" not in message or "actionStates" not in message:
             break
         changes = (_replaced, _more, _driving, _version)
-    payload = json.dumps(message).encode()
+    payload = json.dumps(message).encode()[:LONGEST_BYTES]
     return subtopic, rng.choice(DAMAGES)(payload, rng) if rng.random() < 0.3 else payload

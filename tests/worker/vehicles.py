@@ -188,7 +188,7 @@ class PlainVehicle:
             self.fetched.append(fetch(told))
             self._maps[key] = "DISABLED"
         elif action["actionType"] == "deleteMap":
-            del self._maps[key]
+            self._maps.pop(key, None)  # it may have lied, or lost it
         else:
             self._maps = dict.fromkeys(self._maps, "DISABLED") | {key: "ENABLED"}
 

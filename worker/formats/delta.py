@@ -13,8 +13,8 @@ _MOST_WINDOW_LOG = 31
 def write_delta(path: Path, *, old: Path, new: Path) -> None:
     """Write a zstd frame at `path` that gives `new` to whoever has `old`, and nothing to anybody else.
 
-    Same files, same bytes. Decoded by ``zstd -d --patch-from=OLD``, and by any decoder that takes `old` as
-    a raw prefix; the frame's checksum refuses another `old`.
+    Same files, same bytes. Decoded by ``zstd -d --long=31 --patch-from=OLD``, and by any decoder that takes
+    `old` as a raw prefix; the frame's checksum refuses another `old`.
 
     Parameters
     ----------
@@ -25,8 +25,10 @@ def write_delta(path: Path, *, old: Path, new: Path) -> None:
 
     Notes
     -----
-    As RFC 8878 with the prefix of RFC 9842, section 2.2. The window reaches back over all of both files, and
-    long distances are looked for: what moved in the file by many megabytes is found again.
+    As RFC 8878 with the prefix of RFC 9842. The frame is a single segment: its window is all of `new`, so
+    that `old` is in reach to the end, and who decodes it has to allow that window (``--long=31``; by
+    default zstd takes 128 MiB, or as much as OLD has). Long distances are looked for: what moved in the file
+    by many megabytes is found again. Two clouds of 1 GB take 3.2 GB here and 2 GB where they are decoded.
     """
     before, after = old.read_bytes(), new.read_bytes()
     parameter = zstd.CompressionParameter

@@ -66,9 +66,10 @@ def get_delta(
     n: RevisionN,
     from_n: Annotated[OtherN, Query(alias="from")],
 ) -> Response:
-    """Download what the cloud of this revision adds to that of another, as `zstd -d --patch-from` reads it.
+    """Download what the cloud of this revision adds to that of another, for zstd.
 
-    Made by a job when it is asked for the first time: until then the answer is 503 with `Retry-After`.
+    `zstd -d --long=31 --patch-from=OLD.pcd` reads it. Made by a job when it is asked for the first time:
+    until then the answer is 503 with `Retry-After`.
     ETag and ranges as for any file.
     """
     file = delta_file(kernel, actor, map_id=map_id, n=n, from_n=from_n)
