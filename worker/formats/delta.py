@@ -28,7 +28,7 @@ def write_delta(path: Path, *, old: Path, new: Path) -> None:
     As RFC 8878 with the prefix of RFC 9842. The frame is a single segment: its window is all of `new`, so
     that `old` is in reach to the end, and who decodes it has to allow that window (``--long=31``; by
     default zstd takes 128 MiB, or as much as OLD has). Long distances are looked for: what moved in the file
-    by many megabytes is found again. Two clouds of 1 GB take 3.2 GB here and 2 GB where they are decoded.
+    by many megabytes is found again. Two clouds of 1 GB take 3.4 GB here and 2 GB where they are decoded.
     """
     before, after = old.read_bytes(), new.read_bytes()
     parameter = zstd.CompressionParameter
