@@ -9,7 +9,11 @@ and reports. The key is read from --key-file, or from the environment (GROUNDPLA
 
 `FOLDER/current` is a link to the folder of the map in use: `point-cloud.pcd`, `manifest.json` and what
 --also names. It is swapped in one step: whoever opens `current/point-cloud.pcd` gets the old map or the new
-one, never a part. Killed at any instant, the next run goes on where this one was.
+one, never a part. Killed at any instant, the next run goes on where this one was. A map in use that is
+damaged on the robot's disk is noticed, and fetched again.
+
+What a proxy or a login page answers instead of the service, or changes on the way, is no fault of the
+revision: it is tried again, and not reported.
 """
 
 from __future__ import annotations
@@ -29,7 +33,7 @@ import urllib.error
 import urllib.parse
 import urllib.request
 import uuid
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -41,8 +45,11 @@ TIMEOUT_S = 20.0
 TRIES = 5
 DELTA_PATIENCE_S = 60.0
 KEPT_REVISIONS = 2
+CHECK_EVERY_S = 600.0
+LONGEST_JSON_BYTES = 1 << 26
+PAST_CACHES = {"Cache-Control": "no-cache", "Pragma": "no-cache"}
 DATA_LINE = b"DATA binary\n"
-BROKEN = (urllib.error.URLError, ConnectionError, TimeoutError, http.client.HTTPException)
+BROKEN = (OSError, http.client.HTTPException)
 
 log = logging.getLogger("groundplan-robot")
 
@@ -52,7 +59,7 @@ class NotDone(Exception):
 
 
 class Unreachable(NotDone):
-    """The service did not answer, or not in full: no fault of the revision, and tried again."""
+    """What the service has did not come, or not as it is: no fault of the revision, and tried again."""
 
 
 @dataclass(frozen=True)
@@ -64,6 +71,28 @@ class File:
     size_bytes: int
     url: str
 
+    def __post_init__(self) -> None:
+        """Refuse what is no SHA-256: the file lies under this name until it is verified."""
+        if len(self.sha256) != 64 or not set(self.sha256) <= set("0123456789abcdef"):
+            raise ValueError(f"{self.path} has no SHA-256")
+
+
+@dataclass(frozen=True)
+class Published:
+    """Hold what is published: the revision, its cloud, all its files by path, and the tag of the answer."""
+
+    n: int
+    cloud: File
+    files: dict[str, File]
+    etag: str | None
+
+
+class Straight(urllib.request.HTTPRedirectHandler):
+    """Follow no redirects: the service has none, and whoever else sends one is not to get the key."""
+
+    def redirect_request(self, *_told: Any) -> None:
+        """Return nothing: the redirect is the answer."""
+
 
 class Service:
     """Speak to the service: HTTP with the robot's key."""
@@ -71,6 +100,7 @@ class Service:
     def __init__(self, url: str, key: str) -> None:
         self.url = url.rstrip("/")
         self._key = key
+        self._opener = urllib.request.build_opener(Straight)
 
     def open(
         self,
@@ -85,30 +115,40 @@ class Service:
         told = {"Authorization": f"Bearer {self._key}", "Accept-Encoding": "identity", **(headers or {})}
         request = urllib.request.Request(address, body, told, method=method)  # noqa: S310 - the operator's own
         try:
-            return urllib.request.urlopen(request, timeout=TIMEOUT_S)  # noqa: S310 - as above
+            return self._opener.open(request, timeout=TIMEOUT_S)
         except urllib.error.HTTPError as refusal:
             return refusal
-        except BROKEN as reason:
+        except (*BROKEN, ValueError) as reason:
             raise Unreachable(f"the service cannot be reached: {reason}") from reason
 
-    def json(self, url: str, headers: Mapping[str, str]) -> tuple[int, dict[str, Any], str | None]:
-        """Return status, body and ETag of an answer."""
+    def published(self, url: str, headers: Mapping[str, str]) -> Published | None:
+        """Return what is published, or None if it is what `headers` say is known."""
         with self.open(url, headers=headers) as answer:
-            try:
-                text = answer.read()
-            except BROKEN as reason:
-                raise Unreachable(f"the answer broke off: {reason}") from reason
-            etag: str | None = answer.headers.get("ETag")
-            return answer.status, json.loads(text) if text else {}, etag
+            text = b"".join(arriving(answer, LONGEST_JSON_BYTES))
+            status, etag = answer.status, answer.headers.get("ETag")
+        if status == 304 and headers:
+            return None
+        try:
+            told = json.loads(text or b"{}")
+            if status == 200:
+                files = {file["path"]: as_file(file) for file in told["artifacts"]}
+                return Published(int(told["revision"]), files[CLOUD], files, etag)
+            detail = told.get("detail", "")
+        except (ValueError, TypeError, KeyError, AttributeError) as reason:
+            raise Unreachable(f"something answers {status}, and not as the service does") from reason
+        raise Unreachable(f"the service answers {status}: {detail}")
 
 
 class Folder:
     """Hold the maps of this robot on its disk."""
 
-    def __init__(self, root: Path) -> None:
+    def __init__(self, root: Path, *, check_every_s: float = CHECK_EVERY_S) -> None:
         self.root = root
         self.parts = root / "parts"
         self.revisions = root / "revisions"
+        self._check_every_s = check_every_s
+        self._checked: dict[str, object] = {}
+        self._checked_at = float("-inf")
         for folder in (self.parts, self.revisions):
             folder.mkdir(parents=True, exist_ok=True)
 
@@ -121,21 +161,60 @@ class Folder:
         """Return what is remembered between runs."""
         try:
             found: dict[str, Any] = json.loads((self.root / "state.json").read_text(encoding="utf-8"))
-        except (FileNotFoundError, ValueError):
-            return {"reports": []}
-        return found
+            etag = found.setdefault("etag", None)
+            sound = etag is None or (etag.isascii() and etag.isprintable())
+            sound = sound and all(report["name"] and report["body"] for report in found["reports"])
+        except (OSError, ValueError, TypeError, KeyError, AttributeError):
+            sound = False
+        return found if sound else {"reports": [], "etag": None}
 
     def remember(self, state: dict[str, Any]) -> None:
         """Keep what is to be remembered, whole or not at all."""
         write_whole(self.root / "state.json", json.dumps(state).encode())
 
+    def told(self) -> dict[str, Any] | None:
+        """Return what was written down with the map in use, or None if that cannot be read."""
+        try:
+            found: dict[str, Any] = json.loads((self.current / "revision.json").read_text(encoding="utf-8"))
+            told = {"revision": int(found["revision"]), "sha256": str(found["sha256"])}
+            return {
+                **found,
+                **told,
+                "files": dict(found.get("files", {})),
+                "asked": [*found.get("asked", ())],
+            }
+        except (OSError, ValueError, TypeError, KeyError):
+            return None
+
     def held(self) -> dict[str, Any] | None:
         """Return what is known of the map in use, if its cloud is really there, bit for bit."""
         try:
-            told: dict[str, Any] = json.loads((self.current / "revision.json").read_text(encoding="utf-8"))
-            return told if sha256_of(self.current / CLOUD) == told["sha256"] else None
-        except (OSError, ValueError, KeyError):
+            told = self.told()
+            return told if told and sha256_of(self.current / CLOUD) == told["sha256"] else None
+        except OSError:
             return None
+
+    def damage(self) -> str | None:
+        """Return what is wrong with the map in use, or None.
+
+        Every file is read through when this process began, when the file system says that it is another
+        than it was, and after `check_every_s`: a disk that forgets says nothing.
+        """
+        told = self.told()
+        if told is None:
+            return "what belongs to the map in use cannot be read"
+        if time.monotonic() >= self._checked_at + self._check_every_s:
+            self._checked, self._checked_at = {}, time.monotonic()
+        for name, sha256 in {CLOUD: told["sha256"], **told["files"]}.items():
+            try:
+                seen = (self.current / name).stat()
+                mark = (sha256, seen.st_dev, seen.st_ino, seen.st_size, seen.st_mtime_ns)
+                if self._checked.get(name) != mark and sha256_of(self.current / name) != sha256:
+                    return f"{name} has another SHA-256"
+            except OSError as reason:
+                return f"{name} cannot be read: {reason.strerror}"
+            self._checked[name] = mark
+        return None
 
     def install(self, n: int, files: Iterable[Path], told: dict[str, Any]) -> None:
         """Make verified files the map in use, in one step."""
@@ -204,46 +283,64 @@ class Robot:
             If it cannot be had now; the map in use is what it was.
         """
         self.send_reports()
-        state = self.folder.state()
+        etag, damage = self.folder.state()["etag"], None
+        if self.folder.current.is_symlink():
+            damage = self.folder.damage()
+        if damage is not None:
+            log.warning("the map in use is damaged and has to be fetched again: %s", damage)
+        is_known = etag and damage is None and self.has_what_is_wanted()
         where = f"/v1/maps/{self.map_id}/published"
         if self.channel is not None:
             where += f"?channel={self.channel}"
-        etag = state.get("etag")
-        known = {"If-None-Match": etag} if etag and self.folder.current.exists() else {}
-        status, told, etag = self.service.json(where, known)
-        if status == 304:
+        told = self.service.published(where, {"If-None-Match": etag} if is_known else {})
+        if told is None:
             return True
-        if status != 200:
-            raise Unreachable(f"the service answers {status}: {told.get('detail', '')}")
-        n = int(told["revision"])
+        n = told.n
         try:
-            way = self.update(n, {file["path"]: as_file(file) for file in told["artifacts"]})
+            way = self.update(n, told.files, damage)
         except Unreachable:
             raise
         except (NotDone, OSError) as reason:
             self.report(n, "failed", detail=str(reason))
             self.send_reports()
             raise
-        self.folder.remember({**self.folder.state(), "etag": etag, "revision": n})
+        self.folder.remember({**self.folder.state(), "etag": told.etag, "revision": n})
         log.info("revision %d is in use (%s)", n, way)
         self.send_reports()
         return True
 
-    def update(self, n: int, files: dict[str, File]) -> str:
-        """Return by which way the cloud of revision `n` came; it is in use now."""
+    def has_what_is_wanted(self) -> bool:
+        """Return whether the map in use is one of this map, and came with all that is wanted."""
+        told = self.folder.told()
+        return told is not None and told.get("map_id") == self.map_id and {*self.also} <= {*told["asked"]}
+
+    def update(self, n: int, files: dict[str, File], damage: str | None = None) -> str:
+        """Return by which way the cloud of revision `n` came; it is in use now.
+
+        What was damaged of the map at hand goes with the report.
+        """
         cloud = files[CLOUD]
         held = self.folder.held()
         fresh = self.folder.parts / CLOUD
         way = self.fetch(n, files, held, fresh)
-        self.report(n, "downloaded", detail=way)
+        self.report(
+            n, "downloaded", detail=f"{way}; the map at hand was damaged: {damage}" if damage else way
+        )
         if sha256_of(fresh) != cloud.sha256:
             raise NotDone("the cloud that was put together has another SHA-256")
         self.report(n, "verified", sha256=cloud.sha256)
-        wanted = [files[path] for path in (MANIFEST, *self.also) if path in files]
-        ready = [fresh, *(self.download(file, self.folder.parts / Path(file.path).name) for file in wanted)]
+        wanted = {Path(path).name: files[path] for path in (MANIFEST, *self.also) if path in files}
+        ready = [fresh, *(self.download(file, self.folder.parts / name) for name, file in wanted.items())]
         for file in ready:
             sync(file)
-        told = {"revision": n, "sha256": cloud.sha256, "map_id": self.map_id, "way": way}
+        told = {
+            "revision": n,
+            "sha256": cloud.sha256,
+            "map_id": self.map_id,
+            "way": way,
+            "asked": self.also,
+            "files": {name: file.sha256 for name, file in wanted.items()},
+        }
         self.folder.install(n, ready, told)
         self.report(n, "enabled", sha256=cloud.sha256)
         return way
@@ -254,10 +351,11 @@ class Robot:
             shutil.copyfile(self.folder.current / CLOUD, fresh)
             return "held"
         ways: dict[str, Callable[[], object]] = {"whole": lambda: move(self.download(files[CLOUD]), fresh)}
-        if held is not None and held["map_id"] == self.map_id:
+        if held is not None and held.get("map_id") == self.map_id:
             ways["delta"] = lambda: self.by_delta(n, int(held["revision"]), files[CLOUD], fresh)
             ways["tiles"] = lambda: self.by_tiles(files, fresh)
-        reasons, kind = [], NotDone
+        reasons: list[str] = []
+        kind = NotDone
         for way in self.ways:
             if way not in ways:
                 continue
@@ -266,10 +364,10 @@ class Robot:
                 if sha256_of(fresh) == files[CLOUD].sha256:
                     return way
                 reasons.append(f"{way}: another SHA-256")
-                kind = NotDone
             except (NotDone, OSError, ValueError, KeyError) as reason:
                 reasons.append(f"{way}: {reason}")
-                kind = Unreachable if isinstance(reason, Unreachable) else NotDone
+                if way == "whole" or "whole" not in self.ways:
+                    kind = Unreachable if isinstance(reason, Unreachable) else NotDone
             log.warning("%s", reasons[-1])
         raise kind("; ".join(reasons) or "no way of fetching is left")
 
@@ -287,7 +385,7 @@ class Robot:
                 break
             time.sleep(max(wait_s, 0.1))
         if status != 200:
-            raise NotDone(f"the service has no delta: it answers {status}")
+            raise Unreachable(f"the service has no delta: it answers {status}")
         if size >= cloud.size_bytes:
             raise NotDone("the delta is no smaller than the whole cloud")
         delta = self.download(File("delta", etag.strip('"'), size, where))
@@ -296,6 +394,8 @@ class Robot:
 
     def by_tiles(self, files: dict[str, File], fresh: Path) -> None:
         """Write the cloud at `fresh` from tiles: those at hand are cut out of the cloud in use."""
+        if self.folder.damage() is not None:
+            raise NotDone("something of the map at hand is damaged")
         held_manifest = json.loads((self.folder.current / MANIFEST).read_text(encoding="utf-8"))
         manifest = json.loads(self.download(files[MANIFEST]).read_text(encoding="utf-8"))
         with (self.folder.current / CLOUD).open("rb") as held, fresh.open("wb") as sink:
@@ -322,36 +422,31 @@ class Robot:
         part = self.folder.parts / file.sha256
         for attempt in range(TRIES):
             try:
-                self.download_rest(file, part)
+                self.download_rest(file, part, PAST_CACHES if attempt else {})
                 break
             except Unreachable as reason:
                 if attempt == TRIES - 1:
                     raise Unreachable(f"{file.path}: {reason}") from reason
                 time.sleep(0.2 * 2**attempt)
-        if sha256_of(part) != file.sha256:
-            part.unlink()
-            raise NotDone(f"{file.path} came with another SHA-256")
         return part if target is None else move(part, target)
 
-    def download_rest(self, file: File, part: Path) -> None:
-        """Append to `part` what is missing of a file."""
+    def download_rest(self, file: File, part: Path, more: Mapping[str, str] | None = None) -> None:
+        """Append to `part` what is missing of a file; what is not the file's bytes does not stay."""
         have = part.stat().st_size if part.exists() else 0
-        if have == file.size_bytes:
-            return
-        goes_on = 0 < have < file.size_bytes
-        asked = {"Range": f"bytes={have}-", "If-Range": f'"{file.sha256}"'} if goes_on else {}
-        with self.service.open(file.url, headers=asked) as answer:
-            if answer.status not in (200, 206):
-                raise (Unreachable if answer.status >= 500 else NotDone)(
-                    f"the service answers {answer.status}"
-                )
-            with part.open("ab" if answer.status == 206 else "wb") as sink:
-                try:
-                    shutil.copyfileobj(answer, sink, CHUNK_BYTES)
-                except BROKEN as reason:
-                    raise Unreachable(f"the download broke off: {reason}") from reason
-        if part.stat().st_size != file.size_bytes:
-            raise Unreachable(f"{part.stat().st_size} of {file.size_bytes} bytes came")
+        if have < file.size_bytes:
+            goes_on = {"Range": f"bytes={have}-", "If-Range": f'"{file.sha256}"'} if have else {}
+            with self.service.open(file.url, headers={**goes_on, **(more or {})}) as answer:
+                if answer.status not in (200, 206):
+                    raise Unreachable(f"the service answers {answer.status}")
+                going = goes_on and answer.status == 206
+                with part.open("ab" if going else "wb") as sink:
+                    for chunk in arriving(answer, file.size_bytes - (have if going else 0)):
+                        sink.write(chunk)
+            if part.stat().st_size < file.size_bytes:
+                raise Unreachable(f"{part.stat().st_size} of {file.size_bytes} bytes came")
+        if sha256_of(part) != file.sha256:
+            part.unlink()
+            raise Unreachable("it came with another SHA-256")
 
     def report(self, n: int, state: str, **more: str) -> None:
         """Keep a report until the service has taken it; each has a name, so that none counts twice."""
@@ -374,11 +469,12 @@ class Robot:
                     body=json.dumps(first["body"]).encode(),
                     headers={"Content-Type": "application/json", "Idempotency-Key": first["name"]},
                 ) as answer:
-                    status = answer.status
+                    status, kind = answer.status, answer.headers.get_content_type()
             except Unreachable as reason:
                 log.warning("the report waits: %s", reason)
                 return
-            if status >= 500 or status in (401, 408, 429):
+            refused = kind == "application/problem+json" and status < 500
+            if status != 201 and (not refused or status in (401, 408, 429)):
                 log.warning("the report waits: the service answers %d", status)
                 return
             kept["reports"] = kept["reports"][1:]
@@ -414,6 +510,19 @@ def decode(old: Path, delta: Path, fresh: Path) -> None:
         raise NotDone(f"the delta could not be read: {error or 'there is not enough memory'}") from error
 
 
+def arriving(answer: Any, most: int) -> Iterator[bytes]:
+    """Give the bytes of an answer as they come, at most so many."""
+    while most:
+        try:
+            chunk = answer.read(min(CHUNK_BYTES, most))
+        except BROKEN as reason:
+            raise Unreachable(f"the answer broke off: {reason}") from reason
+        if not chunk:
+            return
+        most -= len(chunk)
+        yield chunk
+
+
 def read_header(file: IO[bytes]) -> bytes:
     """Return the header of a PCD, read up to its records."""
     header = b""
@@ -445,7 +554,7 @@ def copy(source: IO[bytes], sink: IO[bytes], count: int) -> None:
 
 def as_file(told: dict[str, Any]) -> File:
     """Return a file of the service's list."""
-    return File(told["path"], told["sha256"], told["size_bytes"], told["url"])
+    return File(str(told["path"]), str(told["sha256"]), int(told["size_bytes"]), str(told["url"]))
 
 
 def sha256_of(path: Path) -> str:
@@ -504,13 +613,20 @@ def main(arguments: list[str] | None = None) -> int:
     parser.add_argument("--also", action="append", default=[], metavar="PATH", help="a further file to have")
     parser.add_argument("--ways", default=",".join(WAYS), help="how the cloud may be fetched, in order")
     parser.add_argument("--every", type=float, default=10.0, metavar="SECONDS", help="time between two polls")
+    parser.add_argument(
+        "--check-every",
+        type=float,
+        default=CHECK_EVERY_S,
+        metavar="SECONDS",
+        help="time between two readings of the whole map in use, which notice a damaged disk",
+    )
     parser.add_argument("--once", action="store_true", help="poll once and end")
     asked = parser.parse_args(arguments)
     logging.basicConfig(level=logging.INFO, format="%(message)s", stream=sys.stderr)
     key = asked.key_file.read_text().strip() if asked.key_file else os.environ.get("GROUNDPLAN_KEY", "")
     robot = Robot(
         Service(asked.server, key),
-        Folder(asked.folder),
+        Folder(asked.folder, check_every_s=asked.check_every),
         map_id=asked.map,
         channel=asked.channel,
         robot_id=asked.robot,

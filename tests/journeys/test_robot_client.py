@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
-import importlib.util
 import os
 import shutil
 import signal
@@ -15,104 +13,21 @@ import time
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager, suppress
-from dataclasses import dataclass
 from pathlib import Path
-from types import ModuleType
 from typing import Any
 from urllib.parse import urlsplit
 
-import httpx
 import pytest
 
 from service.db.retention import forget_blobs, prune
 from service.db.revisions import find_revision
 from service.settings import Settings
-from tests.server import ROOT, Server, start
-from tests.service.asking import a_map, ok, refused
-from tests.service.by_hand import ByHand
-from tests.service.halls import built_revision, hall_files, make_delta
+from tests.journeys.robots import CLIENT, CLOUD, Plant, a_plant, client, in_use, sha256
+from tests.server import start
+from tests.service.asking import ok, refused
 
-CLIENT = ROOT / "client" / "groundplan_robot.py"
-CLOUD = "point-cloud.pcd"
 ZSTD = shutil.which("zstd")
 FLEET = 200
-
-
-def client_module() -> ModuleType:
-    spec = importlib.util.spec_from_file_location("groundplan_robot", CLIENT)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
-
-
-client = client_module()
-
-
-def sha256(content: bytes) -> str:
-    return hashlib.sha256(content).hexdigest()
-
-
-@dataclass(frozen=True)
-class Plant:
-    """Hold a map with two revisions and the delta between them; revision 1 is published."""
-
-    server: Server
-    admin: httpx.Client
-    map_id: str
-    files: tuple[dict[str, bytes], dict[str, bytes]]
-
-    def publish(self, n: int) -> None:
-        """Publish a revision."""
-        ok(self.admin.post(f"/v1/maps/{self.map_id}/revisions/{n}/publish", json={}))
-
-    def enrol(self) -> dict[str, Any]:
-        """Return a new robot with its key."""
-        return ok(self.admin.post("/v1/robots", json={"name": "AMR", "map_id": self.map_id}), 201)
-
-    def robot(self, folder: Path, *, url: str | None = None, **more: Any) -> Any:
-        """Return the client of a new robot."""
-        me = self.enrol()
-        service = client.Service(url or self.server.url, me["key"])
-        return client.Robot(service, client.Folder(folder), map_id=self.map_id, robot_id=me["id"], **more)
-
-    def reports(self, robot: Any) -> list[tuple[int, str]]:
-        """Return what a robot has reported, oldest first."""
-        told = ok(self.admin.get(f"/v1/robots/{robot.robot_id}/reports"))["items"]
-        return [(report["revision"], report["state"]) for report in reversed(told)]
-
-
-@pytest.fixture(scope="module")
-def two_states(tmp_path_factory: pytest.TempPathFactory) -> tuple[dict[str, bytes], dict[str, bytes]]:
-    folder = tmp_path_factory.mktemp("halls")
-    old, new = (hall_files(folder / str(x), machine_x=x) for x in (17.0, 19.5))
-    return old, new
-
-
-def a_plant(server: Server, states: tuple[dict[str, bytes], dict[str, bytes]], folder: Path) -> Plant:
-    """Return a new map whose two revisions have these files, with the deltas between them."""
-    admin, by_hand = server.client(server.admin_key), ByHand(server.kernel)
-    map_id = a_map(admin)
-    for files in states:
-        built_revision(admin, by_hand, map_id, files)
-    for old, new in ((1, 2), (2, 1)):
-        asked = admin.get(f"/v1/maps/{map_id}/revisions/{new}/delta?from={old}")
-        if asked.status_code == 503:  # the same two clouds have one delta, on whatever map
-            make_delta(by_hand, refused(asked, 503, "delta-not-ready")["job_id"], folder)
-    plant = Plant(server, admin, map_id, states)
-    plant.publish(1)
-    return plant
-
-
-@pytest.fixture
-def plant(server: Server, two_states: tuple[dict[str, bytes], dict[str, bytes]], tmp_path: Path) -> Plant:
-    return a_plant(server, two_states, tmp_path)
-
-
-def in_use(folder: Path) -> str:
-    return sha256((folder / "current" / CLOUD).read_bytes())
 
 
 @pytest.mark.parametrize("way", ["delta", "tiles", "whole"])
@@ -212,7 +127,10 @@ def test_a_broken_download_goes_on_where_it_ended(plant: Plant, tmp_path: Path) 
     assert part.read_bytes() == plant.files[0][CLOUD]
 
 
-def test_what_cannot_be_verified_never_comes_into_use(plant: Plant, tmp_path: Path) -> None:
+def test_what_cannot_be_verified_never_comes_into_use(
+    plant: Plant, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(client, "TRIES", 2)
     robot = plant.robot(tmp_path / "robot")
     assert robot.run_once()
     plant.publish(2)
@@ -221,12 +139,12 @@ def test_what_cannot_be_verified_never_comes_into_use(plant: Plant, tmp_path: Pa
     robot.ways = ("whole",)
     place.chmod(0o644)
     place.write_bytes(wrong[:-1] + bytes([wrong[-1] ^ 1]))
-    with pytest.raises(client.NotDone, match="another SHA-256"):
+    with pytest.raises(client.Unreachable, match="another SHA-256"):
         robot.run_once()
     assert in_use(tmp_path / "robot") == sha256(plant.files[0][CLOUD])
-    assert plant.reports(robot)[-1] == (2, "failed")
+    assert plant.reports(robot)[-1] == (1, "enabled"), "a robot cannot tell whose fault it is"
     seen = ok(plant.admin.get(f"/v1/robots/{robot.robot_id}"))
-    assert (seen["progress"], seen["enabled_revision"]) == ("failed", 1)
+    assert (seen["progress"], seen["enabled_revision"]) == ("not-begun", 1)
     place.write_bytes(wrong)
     assert robot.run_once()
     assert in_use(tmp_path / "robot") == sha256(wrong)
