@@ -9,6 +9,7 @@ import subprocess
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +29,7 @@ _LEAVES: dict[str, type[DomainError]] = {
     for leaf in (DrawingTooComplex, FileMalformed, NoWallsFound, PageNeeded, PageNotFound, UnsupportedMedia)
 }
 _LISTEN_SECONDS = 0.2
+_END_SECONDS = 10.0
 _MOST_ANSWER = 256 << 20
 
 
@@ -93,20 +95,19 @@ def _listen(
     heard, share = bytearray(), 0.0
     while True:
         progress(share)
-        if time.monotonic() > until:
+        if select.select([child.stdout], [], [], _LISTEN_SECONDS)[0]:
+            some = os.read(child.stdout.fileno(), 1 << 20)
+            if not some:
+                return _answer(child, bytes(heard), path)
+            heard += some
+            if len(heard) > _MOST_ANSWER:
+                raise DrawingTooComplex(f"The cut through {path.name} has more lines than are read.")
+            share = _share(heard, share)
+        if time.monotonic() > until and not heard:  # once the answer begins, the work is done
             raise DrawingTooComplex(
                 f"{path.name} takes longer than {bounds.max_model_seconds:g} s to cut. Export the one storey "
                 "that is needed, without furniture and fittings.",
             )
-        if not select.select([child.stdout], [], [], _LISTEN_SECONDS)[0]:
-            continue
-        some = os.read(child.stdout.fileno(), 1 << 20)
-        if not some:
-            return _answer(child, bytes(heard), path)
-        heard += some
-        if len(heard) > _MOST_ANSWER:
-            raise DrawingTooComplex(f"The cut through {path.name} has more lines than are read.")
-        share = _share(heard, share)
 
 
 def _share(heard: bytearray, before: float) -> float:
@@ -118,8 +119,12 @@ def _share(heard: bytearray, before: float) -> float:
 
 
 def _answer(child: subprocess.Popen[bytes], heard: bytes, path: Path) -> dict[str, Any]:
-    code = child.wait(timeout=10)
-    if code != 0 or not heard.endswith(b"\n"):
+    """Return the answer, if it is whole: then how the child ends, and how long it takes to, is its own."""
+    if not heard.endswith(b"\n"):
+        with suppress(subprocess.TimeoutExpired):
+            child.wait(timeout=_END_SECONDS)
+        child.kill()
+        code = child.wait()
         how = f"signal {-code}" if code < 0 else f"exit code {code}"
         raise FileMalformed(
             f"The geometry kernel crashed on {path.name} ({how}): its geometry is damaged, or needs more "

@@ -48,26 +48,28 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
             sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.absolute()), str(output),
             str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),
         ]  # fmt: skip
-        try:
-            done = subprocess.run(
-                command,
-                capture_output=True,
-                timeout=bounds.max_scan_seconds,
-                check=False,
-                stdin=subprocess.DEVNULL,
-            )
-        except subprocess.TimeoutExpired as error:
-            raise errors.FileMalformed(
-                f"Reading the {kind.upper()} file takes longer than {bounds.max_scan_seconds:g} s: it is "
-                "damaged, or should be thinned before it is uploaded."
-            ) from error
-        if done.returncode != 0 or not done.stdout.endswith(b"\n"):
-            how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-            raise errors.FileMalformed(
-                f"The reader of {kind.upper()} files crashed on this one ({how}): it is damaged. "
-                "Export it again."
-            )
-        return _loaded(json.loads(done.stdout), output)
+        return _loaded(json.loads(_answer(command, kind, seconds=bounds.max_scan_seconds)), output)
+
+
+def _answer(command: list[str], kind: str, *, seconds: float) -> bytes:
+    """Return what the process answered, if it is whole: how and when the process ends then is its own."""
+    try:
+        done = subprocess.run(
+            command, capture_output=True, timeout=seconds, check=False, stdin=subprocess.DEVNULL
+        )
+    except subprocess.TimeoutExpired as late:
+        if late.stdout is not None and late.stdout.endswith(b"\n"):
+            return late.stdout
+        raise errors.FileMalformed(
+            f"Reading the {kind.upper()} file takes longer than {seconds:g} s: it is damaged, or should be "
+            "thinned before it is uploaded."
+        ) from late
+    if not done.stdout.endswith(b"\n"):
+        how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
+        raise errors.FileMalformed(
+            f"The reader of {kind.upper()} files crashed on this one ({how}): it is damaged. Export it again."
+        )
+    return done.stdout
 
 
 def _loaded(answer: dict[str, object], output: Path) -> FileScan:
