@@ -479,12 +479,13 @@ class TooManyPoints(Rejected):
 
 
 class CoordinatesTooLarge(Rejected):
-    """The map lies so far from its origin that float32 coordinates cannot tell its voxels apart.
+    """The map lies so far from its origin, or the scan reaches so far, that float32 cannot tell voxels apart.
 
-    Choose a `T_map_drawing` nearer to the origin, or a larger voxel size.
+    Of a map, choose a `T_map_drawing` nearer to the origin, or a larger voxel size. Of a scan, give the unit
+    of its file, or cut off what lies far away; coordinates that no place on Earth has tell of a damaged file.
     """
 
-    title = "The coordinates are too large for the voxel size"
+    title = "The coordinates are too large"
 
 
 class ScaleUnknown(Rejected):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+import struct
 from pathlib import Path
 from typing import Any
 
@@ -11,15 +12,30 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
-from service.domain.errors import FileMalformed, FileTruncated, NotFinite
+from service.domain.errors import FileMalformed, FileTruncated, HeaderMismatch, NotFinite, Rejected
 from worker.formats.scan_checks import check_count, cloud_of
 from worker.geometry.scan.file_scan import FileScan, Statement
 
 _PIECE = 1_000_000
 _LEAST_HEADER = 227
+_LEAST_RECORD, _LEAST_EXTENDED = 54, 60
 _PROJECTED_UNIT_KEY = 3076
 _GEO_UNITS = {9001: 1.0, 9002: 0.3048, 9003: 1200.0 / 3937.0}
 _WKT_UNIT = re.compile(r'(?:LENGTHUNIT|UNIT)\["([^"]*)",\s*([0-9.eE+-]+)')
+
+_BROKEN = (
+    laspy.errors.LaspyException,
+    ValueError,
+    TypeError,
+    LookupError,
+    ArithmeticError,
+    AttributeError,
+    AssertionError,
+    OSError,
+    RuntimeError,
+    struct.error,
+)
+"""What laspy raises on files that break the format."""
 
 
 def load_las(path: Path, *, bounds: Bounds) -> FileScan:
@@ -29,6 +45,8 @@ def load_las(path: Path, *, bounds: Bounds) -> FileScan:
     ------
     FileTruncated
         If the bytes end before the header's number of points.
+    HeaderMismatch
+        If the header promises more variable length records than the bytes between it and the points hold.
     FileMalformed
         If the file breaks the format, or its compressed points cannot be unpacked.
     FileEmpty, TooManyPoints, NotFinite
@@ -44,19 +62,46 @@ def load_las(path: Path, *, bounds: Bounds) -> FileScan:
         raise FileTruncated(
             f"A LAS file has a header of {_LEAST_HEADER} bytes; this one has {size} bytes in all."
         )
+    with path.open("rb") as head:
+        _check_records(head.read(_LEAST_HEADER + 148), size=size)
     try:
         with laspy.open(path) as file:
             header = file.header
             _check_header(header, size=size, bounds=bounds)
             points = _read(file, int(header.point_count), packed=bool(header.are_points_compressed))
             statement = _statement(header)
-    except (laspy.errors.LaspyException, ValueError, TypeError, IndexError, OSError, RuntimeError) as error:
-        if isinstance(error, FileTruncated):
-            raise
+    except Rejected:
+        raise
+    except _BROKEN as error:
         raise FileMalformed(
             f"The LAS file breaks its format: {type(error).__name__} {error!s:.150}."
         ) from error
     return FileScan(cloud_of(points), "LAS", statement)
+
+
+def _check_records(head: bytes, *, size: int) -> None:
+    """Refuse places and numbers of records that have no room: laspy allocates whatever they are.
+
+    Notes
+    -----
+    LAS 1.4 R15, table 3: the header's size at byte 94, the points' offset at 96, the number of records at
+    100; from version 1.4 the extended records' start at 235 and their number at 243.
+    """
+    header_bytes, points_at, records = struct.unpack_from("<HII", head, 94)
+    if points_at > size:
+        raise FileTruncated(f"The LAS points begin at byte {points_at}; the file has {size}.")
+    room = points_at - header_bytes
+    if records * _LEAST_RECORD > max(room, 0):
+        raise HeaderMismatch(
+            f"The LAS header promises {records} variable length records; {max(room, 0)} bytes lie between it "
+            "and the points."
+        )
+    if head[25] >= 4 and len(head) >= 247:  # the minor version
+        start, extended = struct.unpack_from("<QI", head, 235)
+        if extended * _LEAST_EXTENDED > max(size - start, 0):
+            raise HeaderMismatch(
+                f"The LAS header promises {extended} extended records from byte {start}; the file has {size}."
+            )
 
 
 def _check_header(header: Any, *, size: int, bounds: Bounds) -> None:

@@ -21,10 +21,10 @@ from service.domain.errors import (
     FileMalformed,
     FileTruncated,
     HeaderMismatch,
-    NotFinite,
     TooManyPoints,
     UnsupportedMedia,
 )
+from worker.formats.scan_checks import check_places
 from worker.geometry.cloud.point_cloud import PointCloud
 
 _MAX_HEADER_BYTES = 16_384
@@ -117,7 +117,7 @@ def read_pcd(path: Path, bounds: Bounds = Bounds()) -> PointCloud:  # noqa: B008
         If the header or the body breaks the format.
     TooManyPoints
         If the header promises more than `bounds` allows; nothing has been allocated then.
-    NotFinite
+    NotFinite, CoordinatesTooLarge
         If a coordinate is infinite, or NaN in an unorganised cloud.
     UnsupportedMedia
         If the file is no PCD.
@@ -295,11 +295,7 @@ def _to_cloud(columns: dict[str, NDArray[np.generic]], header: _Header) -> Point
         points, labels = points[seen], labels[seen]
         if not len(points):
             raise FileEmpty("Every point of the organised cloud is marked as not seen (NaN).")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
-        raise NotFinite(
-            f"{bad} of {len(points)} points have coordinates that are not finite numbers.", points=bad
-        )
+    check_places(points)
     if not (np.isfinite(labels).all() and (labels >= 0).all() and (labels < 2**32).all()):
         raise FileMalformed("The label field holds values that are not whole numbers from 0 to 2^32 - 1.")
     return PointCloud(points, labels.astype(np.uint32))

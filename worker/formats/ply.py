@@ -20,10 +20,10 @@ from service.domain.errors import (
     FileMalformed,
     FileTruncated,
     HeaderMismatch,
-    NotFinite,
     TooManyPoints,
     UnsupportedMedia,
 )
+from worker.formats.scan_checks import check_places
 from worker.geometry.cloud.point_cloud import PointCloud
 
 _MAX_HEADER_BYTES = 65_536
@@ -98,7 +98,7 @@ def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
         If the header or the body breaks the format, or x, y, z are missing.
     TooManyPoints
         If the header promises more than `bounds` allows; nothing has been allocated then.
-    NotFinite
+    NotFinite, CoordinatesTooLarge
         If a coordinate is NaN or infinite.
     UnsupportedMedia
         If the file is no PLY.
@@ -112,11 +112,7 @@ def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
     points = _read_text(path, header, vertex) if header.encoding == "ascii" else _read_binary(path)
     if len(points) != vertex.count:
         raise FileTruncated(f"The header promises {vertex.count} vertices; the file holds {len(points)}.")
-    bad = int(np.count_nonzero(~np.isfinite(points).all(axis=1)))
-    if bad:
-        raise NotFinite(
-            f"{bad} of {len(points)} points have coordinates that are not finite numbers.", points=bad
-        )
+    check_places(points)
     return PointCloud.of(points)
 
 

@@ -14,8 +14,9 @@ from worker.formats.pcd import write_pcd
 from worker.formats.preview import LAYER, Drawn, write_preview
 from worker.formats.scan import read_upright_scan
 from worker.formats.upright import write_upright
+from worker.geometry.cloud.places import row_keys, smallest_that_fits
 from worker.geometry.cloud.point_cloud import Label, PointCloud
-from worker.geometry.cloud.voxel_grid import filter_cloud
+from worker.geometry.cloud.voxel_grid import filter_cloud, voxel_index
 from worker.geometry.scan.upright import UprightScan
 
 _VIEWER_POINTS = 100_000
@@ -65,12 +66,18 @@ def _thinned(upright: UprightScan) -> tuple[PointCloud, float]:
     """Return at most 100,000 points in frame `scan` without outliers, and the voxel size [m] they have."""
     kept = ~upright.outliers
     cloud = PointCloud(upright.scan.points[kept], upright.scan.labels[kept])
-    voxel_size = _FINEST_M
-    thin = filter_cloud(cloud, voxel_size, label=Label.UNKNOWN)
-    while len(thin) > _VIEWER_POINTS:
-        voxel_size *= _COARSEN
-        thin = filter_cloud(thin, voxel_size, label=Label.UNKNOWN)
-    return thin, voxel_size
+    few = cloud.points[:: max(1, len(cloud) // (3 * _VIEWER_POINTS))]
+
+    def voxels(step: int) -> int:
+        count = 0
+        for points in (few, cloud.points):  # where a few points fill too many, all need not be looked at
+            count = len(np.unique(row_keys(voxel_index(points, _FINEST_M * _COARSEN**step))))
+            if count > _VIEWER_POINTS:
+                break
+        return count
+
+    voxel_size = _FINEST_M * _COARSEN ** smallest_that_fits(voxels, _VIEWER_POINTS)
+    return filter_cloud(cloud, voxel_size, label=Label.UNKNOWN), voxel_size
 
 
 def _reading(upright: UprightScan, thin: PointCloud, voxel_size: float) -> dict[str, Any]:

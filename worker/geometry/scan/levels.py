@@ -66,9 +66,8 @@ def find_levels(sample: SurfaceSample, upright: NDArray[np.float64]) -> Levels:
         return none
     z, step = points[:, 2], 2.0 * sample.voxel_size
     low, high = np.percentile(z, [_OUTERMOST * 100.0, 100.0 - _OUTERMOST * 100.0])
-    slot = np.floor((z[level] - z.min()) / step).astype(np.int64)
-    count = np.convolve(np.bincount(slot), np.ones(3), mode="same")
-    strong = np.flatnonzero(count >= max(_STRONG * float(count.max()), _FEWEST))
+    slots, count = _counted(np.floor((z[level] - z.min()) / step).astype(np.int64))
+    strong = slots[count >= max(_STRONG * float(count.max()), _FEWEST)]
     if not len(strong):
         return none
     middle = 0.5 * (low + high)
@@ -76,6 +75,19 @@ def find_levels(sample: SurfaceSample, upright: NDArray[np.float64]) -> Levels:
     floor = ends[0] if ends[0] < middle else None
     ceiling = ends[1] if ends[1] > middle else None
     return Levels(floor, ceiling, _tilt(points, level, [h for h in (floor, ceiling) if h is not None], step))
+
+
+def _counted(slot: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Return the slots that hold a value, or lie beside one, and how many values these and theirs hold.
+
+    Slots are not counted through: one stray place would make more of them than memory holds.
+    """
+    here, count = np.unique(slot, return_counts=True)
+    beside = np.unique(np.concatenate([here - 1, here, here + 1]))
+    beside = beside[(beside >= here[0]) & (beside <= here[-1])]
+    summed = np.append(0, np.cumsum(count))
+    low, high = np.searchsorted(here, beside - 1, "left"), np.searchsorted(here, beside + 1, "right")
+    return beside, summed[high] - summed[low]
 
 
 def _height_near(z: NDArray[np.float64], level: NDArray[np.bool_], guess: float, step: float) -> float:

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.errors import CoordinatesTooLarge
 from service.domain.findings import Finding
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
@@ -23,12 +24,16 @@ from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.choice import Choice
 from worker.geometry.scan.file_scan import FileScan
 from worker.geometry.scan.levels import Levels, find_levels
+from worker.geometry.scan.mesh_sampling import Mesh
 from worker.geometry.scan.outliers import find_outliers
 from worker.geometry.scan.surface_sample import sample_surfaces
 from worker.geometry.scan.units import find_unit
 from worker.geometry.scan.up_axis import find_up_axis, turn_upright
 
 _FAR_OFF = 10_000.0
+_FARTHEST = 8_192.0
+"""How far a scan reaches at most from its middle [m]: up to here float32 tells half a millimetre apart."""
+
 _LEAST_TILT, _MOST_TILT = np.deg2rad(2.0), np.deg2rad(12.0)
 _LARGEST, _SMALLEST = 500.0, 0.3
 
@@ -147,6 +152,8 @@ def make_upright(file: FileScan, options: ScanOptions | None = None) -> UprightS
 
     Raises
     ------
+    CoordinatesTooLarge
+        If it reaches farther, in the unit that was given or found, than any site does.
     ValueError
         If the file holds no point.
     """
@@ -169,13 +176,28 @@ def make_upright(file: FileScan, options: ScanOptions | None = None) -> UprightS
         if options.metres_per_unit is not None
         else find_unit(sample.points @ turn.T, levels, stated=said.metres_per_unit, stated_by=said.said_by)
     )
+    if isinstance(file.surface, Mesh):
+        _check_reach(0.5 * np.ptp(file.surface.vertices, axis=0) * unit.value, unit)
     cloud, origin = _near(file.cloud(unit.value))
     if _LEAST_TILT <= levels.tilt_angle <= _MOST_TILT:
         turn = _levelling(np.array(levels.tilt)) @ turn
         levels_now = find_levels(sample, turn)
         levels = Levels(levels_now.floor, levels_now.ceiling, levels.tilt)
     frame = _frame(file, up, unit, origin, turn, levels)
-    return UprightScan(cloud, frame, find_outliers(cloud.points))
+    outliers = find_outliers(cloud.points)
+    _check_reach(np.abs(cloud.points[~outliers]).max(axis=0), unit)
+    return UprightScan(cloud, frame, outliers)
+
+
+def _check_reach(reach: NDArray[np.float64], unit: Choice[float]) -> None:
+    """Refuse a scan that reaches over (3,) half extents [m] that float32 and voxels cannot hold."""
+    if float(reach.max()) > _FARTHEST:
+        raise CoordinatesTooLarge(
+            f"The scan reaches {reach.max():.4g} m from its middle, one unit of the file being "
+            f"{unit.value:g} m; at most {_FARTHEST:g} m are read. Give the file's unit, or cut off what lies "
+            "far away.",
+            reach_m=round(float(reach.max()), 3),
+        )
 
 
 def _frame(
