@@ -182,7 +182,11 @@ class _Reader:
             self._doc, lambda entities: self._part(entities, in_block=False), to_model=only_references
         )
         if sheet is None and not only_references:
-            raise FileEmpty("The drawing holds no lines: neither its model space nor its sheets.")
+            broken = f"; {self._seen.broken} entities are malformed" if self._seen.broken else ""
+            raise FileEmpty(
+                f"The drawing holds no lines: neither its model space nor its sheets{broken}.",
+                broken_entities=self._seen.broken,
+            )
         names = ", ".join(sorted(self._seen.references.values())[:_MOST_NAMES])
         if only_references:
             finding = Finding(
@@ -231,17 +235,20 @@ class _Reader:
         for n, entity in enumerate(entities):
             if n % _TELL_EVERY == 0:
                 self._tell("blocks", 0.5)
-            if entity.dxf.get("invisible", 0):
-                continue
-            style = style_of(entity, in_block=in_block)
-            if style.layer.casefold() in self._off:
-                self._seen.hidden[style.layer] += 1
-                continue
             try:
-                self._add(entity, style, to, above)
+                self._take(entity, style_of(entity, in_block=in_block), to, above)
             except BROKEN:
                 self._seen.broken += 1
         return to.finish()
+
+    def _take(self, entity: DXFGraphic, style: Style, to: PartBuilder, above: tuple[str, ...]) -> None:
+        """Add an entity that is shown."""
+        if entity.dxf.get("invisible", 0):
+            return
+        if style.layer.casefold() in self._off:
+            self._seen.hidden[style.layer] += 1
+        else:
+            self._add(entity, style, to, above)
 
     def _add(self, entity: DXFGraphic, style: Style, to: PartBuilder, above: tuple[str, ...]) -> None:
         kind = entity.dxftype()

@@ -7,9 +7,11 @@ import math
 from collections.abc import Callable, Mapping
 
 from ezdxf import colors, path
+from ezdxf.entities.boundary_paths import EdgePath, SplineEdge
 from ezdxf.entities.dxfentity import DXFEntity
 from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.entities.polygon import DXFPolygon
+from ezdxf.entities.spline import Spline
 from ezdxf.math import OCS, Vec3, bulge_to_arc
 
 from worker.formats.dxf_parts import BY_BLOCK, BY_LAYER, INHERIT_LAYER, Drawn, PartBuilder, Point, Style
@@ -23,6 +25,7 @@ _FULL_CIRCLE = 64
 _LETTER = 0.7
 _LARGEST_TEXT = 500
 _CURVE_SHARE, _CURVE_PIECES = 400.0, 4
+_MOST_FITTED, _MOST_CONTROLS = 1_000, 2_000
 
 
 def style_of(entity: DXFEntity, *, in_block: bool) -> Style:
@@ -179,6 +182,18 @@ def _bulged(
     to.add([out], Drawn("line" if len(out) == 2 else "polyline", style, closed=shut))
 
 
+def _spline(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
+    """Add a spline; of one with very many points these themselves: a curve fitted to N takes N^2 time."""
+    assert isinstance(entity, Spline)
+    for points, most in ((entity.control_points, _MOST_CONTROLS), (entity.fit_points, _MOST_FITTED)):
+        if len(points) > most:
+            to.add([[(float(p[0]), float(p[1])) for p in points]], Drawn("spline", style))
+            return
+        if len(points):
+            break
+    _curve(entity, style, to)
+
+
 def _curve(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
     made = path.make_path(entity)
     points = [(v.x, v.y) for v in _flat(made)]
@@ -203,11 +218,23 @@ def _flat(made: path.Path) -> list[Vec3]:
 def _hatch(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
     rings = []
     assert isinstance(entity, DXFPolygon)
+    _check_edges(entity)
     for made in path.from_hatch(entity):
         points = [(v.x, v.y) for v in _flat(made)]
         if len(points) > 2:
             rings.append(points if points[0] == points[-1] else [*points, points[0]])
     to.add(rings, Drawn("hatch", style, filled=bool(entity.dxf.get("solid_fill", 0)), closed=True))
+
+
+def _check_edges(area: DXFPolygon) -> None:
+    """Refuse an area whose outline is a curve of more points than can be followed."""
+    edges = (edge for boundary in area.paths if isinstance(boundary, EdgePath) for edge in boundary.edges)
+    for edge in edges:
+        if isinstance(edge, SplineEdge) and (
+            len(edge.fit_points) > _MOST_FITTED or len(edge.control_points) > _MOST_CONTROLS
+        ):
+            msg = f"a curve fitted to more than {_MOST_FITTED} points, or held by {_MOST_CONTROLS}"
+            raise ValueError(msg)
 
 
 def _solid(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
@@ -298,8 +325,8 @@ _ADDERS: Mapping[str, Callable[[DXFGraphic, Style, PartBuilder], None]] = {
     "LWPOLYLINE": _lwpolyline,
     "POLYLINE": _polyline,
     "ELLIPSE": _curve,
-    "SPLINE": _curve,
-    "HELIX": _curve,
+    "SPLINE": _spline,
+    "HELIX": _spline,
     "HATCH": _hatch,
     "MPOLYGON": _hatch,
     "SOLID": _solid,

@@ -176,12 +176,12 @@ def _facts(document: pypdfium2.PdfDocument, path: Path, index: int, bounds: Boun
     locked = pdfium.FPDF_GetSecurityHandlerRevision(document) >= 0
     if not locked:
         try:
-            return read_page_facts(path, index, most_bytes=bounds.max_page_bytes)
+            return read_page_facts(path, index, bounds=bounds)
         except FileMalformed:
             pass
     ordered = io.BytesIO()
     document.save(ordered, flags=pdfium.FPDF_REMOVE_SECURITY)
-    return read_page_facts(ordered.getvalue(), index, most_bytes=bounds.max_page_bytes)
+    return read_page_facts(ordered.getvalue(), index, bounds=bounds)
 
 
 @contextmanager

@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import io
-import re
-import zlib
 from collections.abc import Iterator
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
 from pypdf import PdfReader
-from pypdf.generic import ArrayObject, DictionaryObject, NameObject, StreamObject
+from pypdf.generic import ArrayObject, DictionaryObject, NameObject
 
+from service.domain.bounds import Bounds
 from service.domain.errors import DrawingTooComplex, FileMalformed
+from worker.formats.pdf_weight import check_weight
 
-_DO = re.compile(rb"/([^\s/<>\[\](){}%]+)\s+Do\b")
-_CALL_WEIGHT = 256
 _DEEPEST, _MOST_KIDS, _MOST_ENTRIES = 64, 200_000, 10_000
-_DEEPEST_FORM = 40
-_CHUNK = 1 << 20
 _UNITS = {
     "mm": 0.001, "millimeter": 0.001, "millimetre": 0.001, "cm": 0.01, "centimeter": 0.01, "centimetre": 0.01,
     "m": 1.0, "meter": 1.0, "metre": 1.0, "km": 1000.0,
@@ -71,11 +67,10 @@ class PageFacts:
     viewports: tuple[Viewport, ...] = ()
 
 
-def read_page_facts(source: Path | bytes, index: int, *, most_bytes: int) -> PageFacts:
+def read_page_facts(source: Path | bytes, index: int, *, bounds: Bounds) -> PageFacts:
     """Return what the dictionaries of a PDF say of the page of this index, counted from 0.
 
-    Its content is weighed first: every stream as long as it unpacks, every form as often as it is called,
-    so that a small file cannot make the renderer work for hours.
+    Its content is weighed first, so that a small file cannot make the renderer work for hours.
 
     Parameters
     ----------
@@ -83,8 +78,8 @@ def read_page_facts(source: Path | bytes, index: int, *, most_bytes: int) -> Pag
         The document, not encrypted.
     index : int
         Page, counted from 0.
-    most_bytes : int
-        The most content that a page may have.
+    bounds : Bounds
+        The most that a page may come to.
 
     Returns
     -------
@@ -96,15 +91,15 @@ def read_page_facts(source: Path | bytes, index: int, *, most_bytes: int) -> Pag
     FileMalformed
         If the document's tables or its page tree cannot be followed.
     DrawingTooComplex
-        If the page's content is larger than `most_bytes`.
+        If the page comes to more than is read.
     """
     try:
         with PdfReader(io.BytesIO(source) if isinstance(source, bytes) else source) as reader:
             root = reader.trailer["/Root"].get_object()
             page = _page(root, index)
-            _weigh(page, most_bytes)
+            check_weight(page, bounds)
             return PageFacts(_user_unit(page), frozenset(_hidden(root)), tuple(_viewports(page)))
-    except DrawingTooComplex:
+    except (DrawingTooComplex, MemoryError):
         raise
     except Exception as error:
         raise FileMalformed(f"The document's tables cannot be followed: {error}. Save it anew.") from error
@@ -199,87 +194,3 @@ def _metres_per_point(measure: Any) -> float | None:
 def _unit(entry: Any) -> float | None:
     name = str(entry.get("/U", "")).strip().lower().rstrip(".")
     return _UNITS.get(name, _UNITS.get(name.removesuffix("s")))
-
-
-@dataclass
-class _Weigher:
-    """Sum what a page makes the renderer parse, form by form."""
-
-    most: int
-    known: dict[int, int] = field(default_factory=dict)
-
-    def check(self, weight: int) -> int:
-        if weight > self.most:
-            raise DrawingTooComplex(
-                f"The page unpacks to more than {self.most >> 20} MB of drawing commands; export only the "
-                "floor that is needed, or print the sheet as a PNG image.",
-                max_page_bytes=self.most,
-            )
-        return weight
-
-    def content(self, content: bytes, resources: Any, depth: int) -> int:
-        forms = _dictionary(resources.get("/XObject")) if resources else DictionaryObject()
-        total = self.check(len(content))
-        for name in _DO.findall(content):
-            form = forms.get("/" + name.decode("latin-1"))
-            total = self.check(total + _CALL_WEIGHT + self.form(form, resources, depth + 1))
-        return total
-
-    def form(self, reference: Any, inherited: Any, depth: int) -> int:
-        found = reference.get_object() if reference is not None else None
-        if not isinstance(found, StreamObject) or found.get("/Subtype") != "/Form" or depth > _DEEPEST_FORM:
-            return 0
-        key = id(found)
-        if key not in self.known:
-            self.known[key] = 0  # a form that calls itself is drawn once
-            resources = _dictionary(found.get("/Resources")) or inherited
-            self.known[key] = self.content(unpacked(found, most=self.most), resources, depth)
-        return self.known[key]
-
-
-def _weigh(page: DictionaryObject, most: int) -> int:
-    weigher = _Weigher(most)
-    contents = page.get("/Contents")
-    found = contents.get_object() if contents is not None else ArrayObject()
-    streams = found if isinstance(found, ArrayObject) else ArrayObject([found])
-    whole = bytearray()
-    for stream in streams[:_MOST_KIDS]:
-        whole += unpacked(stream.get_object(), most=most)
-        weigher.check(len(whole))
-    return weigher.content(bytes(whole), _dictionary(page.get("/Resources")), 0)
-
-
-def unpacked(stream: object, *, most: int) -> bytes:
-    """Return a stream's content, of which at most `most` bytes and one more are unpacked.
-
-    Parameters
-    ----------
-    stream : StreamObject
-        Of a page or a form; any other object is empty.
-    most : int
-        Where unpacking stops.
-
-    Returns
-    -------
-    bytes
-        Longer than `most` where there would have been more.
-    """
-    if not isinstance(stream, StreamObject):
-        return b""
-    filters = stream.get("/Filter", ArrayObject()).get_object()
-    names = [str(x) for x in filters] if isinstance(filters, ArrayObject) else [str(filters)]
-    raw: bytes = stream._data  # noqa: SLF001 -- the packed bytes have no public name
-    if not names:
-        return raw[: most + 1]
-    if names not in (["/FlateDecode"], ["/Fl"]):
-        return stream.get_data()[: most + 1]
-    out = bytearray()
-    inflater = zlib.decompressobj()
-    pending = raw
-    try:
-        while pending and len(out) <= most and not inflater.eof:
-            out += inflater.decompress(pending, _CHUNK)
-            pending = inflater.unconsumed_tail
-    except zlib.error:
-        return bytes(out)
-    return bytes(out)

@@ -12,10 +12,10 @@ import pypdfium2.raw as pdfium
 
 from service.domain.errors import DrawingTooComplex
 from worker.formats.pdf_objects import Affine, compose, moved
+from worker.formats.pdf_weight import LETTERS_PER_TEXT
 from worker.formats.text_runs import TextRun, join_runs
 from worker.geometry.drawing.text import Text
 
-_LETTERS_PER_TEXT = 20
 _SHX = "AutoCAD SHX Text"
 _MOST_LETTERS = 4096
 
@@ -49,11 +49,11 @@ def page_texts(page: Any, T_mm_user: Affine, *, layers: Mapping[int, str], most:
         return ()
     try:
         count = pdfium.FPDFText_CountChars(text_page)
-        if count > _LETTERS_PER_TEXT * most:
+        if count > LETTERS_PER_TEXT * most:
             raise DrawingTooComplex(
-                f"The page holds {count} letters; at most {_LETTERS_PER_TEXT * most} are read. "
+                f"The page holds {count} letters; at most {LETTERS_PER_TEXT * most} are read. "
                 "Upload the sheet with the floor plan alone.",
-                max_letters=_LETTERS_PER_TEXT * most,
+                max_letters=LETTERS_PER_TEXT * most,
             )
         runs = list(_runs(text_page, count, T_mm_user, layers))
     finally:

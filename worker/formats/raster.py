@@ -24,12 +24,14 @@ from service.domain.errors import (
 )
 from service.domain.findings import Finding
 from worker.formats.darkest import darkest_channel
+from worker.formats.jpeg_check import check_jpeg
 from worker.formats.tiff_pages import TiffPage, list_tiff_pages
 from worker.geometry.drawing.raster.sheet import Sheet
 
 _FORMATS = ("PNG", "JPEG", "TIFF", "BMP", "WEBP")
 _TIFF = (b"II*\x00", b"MM\x00*", b"II+\x00", b"MM\x00+")
-_MAGIC = (b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff", b"BM", b"RIFF", *_TIFF)
+_JPEG = b"\xff\xd8\xff"
+_MAGIC = (b"\x89PNG\r\n\x1a\n", _JPEG, b"BM", b"RIFF", *_TIFF)
 _ORIENTATION_TAG = 0x0112
 _TURNS = {3: "by 180 degrees", 6: "by 90 degrees clockwise", 8: "by 90 degrees counter-clockwise"}
 _MOST_DPI = 1e5
@@ -61,7 +63,7 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
     -------
     Sheet
         Row 0 is the top. `dpi` is what the file states, often 72 or 96 whatever the truth: a hint. Findings
-        tell of a page that was taken, of a turned photograph and of pixels that are not square.
+        tell of a page that was taken, of a turned photograph, of damage and of pixels that are not square.
 
     Raises
     ------
@@ -96,6 +98,8 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
             _check_size(image, bounds, path)
             orientation = int(image.getexif().get(_ORIENTATION_TAG, 1))
             dpi, findings = _resolution(image)
+            if head.startswith(_JPEG):
+                findings.extend(check_jpeg(path))
             image.load()
             turned_by_pillow = _ORIENTATION_TAG not in image.getexif()
             grey = darkest_channel(image)

@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import lzma
 import math
 import zipfile
+import zlib
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -180,7 +182,7 @@ def _from_zip(path: Path, bounds: Bounds) -> tuple[MapHeader, bytes]:
             return header, _unpack(archive, image_entry, bounds)
     except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError) as error:
         raise FileTruncated(f"{path.name} is no whole ZIP: {error}. Upload it again.") from error
-    except (NotImplementedError, RuntimeError, ValueError, OSError) as error:
+    except (NotImplementedError, RuntimeError, ValueError, OSError, zlib.error, lzma.LZMAError) as error:
         raise FileMalformed(f"{path.name} cannot be unpacked: {error}.") from error
 
 

@@ -18,6 +18,7 @@ from service.domain.errors import FileMalformed
 from service.domain.findings import Finding
 from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.formats.svg_check import SvgFacts, check_svg
+from worker.formats.svg_lengths import pixels, with_plain_lengths
 from worker.formats.text_runs import TextRun, join_runs
 from worker.geometry.drawing.linework.curves import Point, flatten_cubic
 from worker.geometry.drawing.linework.linework import Linework
@@ -116,7 +117,7 @@ def _parsed(path: Path, viewport: _Viewport) -> Any:
     ppi = 25.4 if viewport.mm_per_unit == 1.0 else _CSS_PPI
     try:
         drawing = svgelements.SVG.parse(
-            io.BytesIO(path.read_bytes()),
+            io.BytesIO(with_plain_lengths(path.read_bytes(), view=(viewport.width, viewport.height))),
             reify=True,
             ppi=ppi,
             width=viewport.width,
@@ -169,7 +170,7 @@ def _add(shape: Any, draft: LineworkDraft, viewport: _Viewport, layer: str) -> N
         return
     stroke = _colour(shape.stroke)
     fill = None if isinstance(shape, svgelements.SimpleLine) else _colour(shape.fill)
-    width = (shape.stroke_width or 0.0) * (viewport.mm_per_unit or math.nan)
+    width = pixels(shape.stroke_width) * (viewport.mm_per_unit or math.nan)
     dashes = str((shape.values or {}).get("stroke-dasharray", "none"))
     dashed = stroke is not None and bool(re.search(r"[1-9]", dashes))
     line = None if stroke is None else Pen(layer, width, stroke, dashed=dashed)
@@ -259,9 +260,9 @@ def _join(arcs: list[Any], segment: Any, viewport: _Viewport) -> None:
 def _runs(shape: Any, viewport: _Viewport, layer: str) -> Iterator[TextRun]:
     words = " ".join(str(shape.text or "").split())
     m = shape.transform
-    size = float(shape.font_size or 0.0) * math.hypot(m.c, m.d)
+    size = pixels(shape.font_size) * math.hypot(m.c, m.d)
     angle = math.atan2(-m.b, m.a)
-    x, y = float(shape.x or 0.0), float(shape.y or 0.0)
+    x, y = pixels(shape.x), pixels(shape.y)
     begin = (m.a * x + m.c * y + m.e, viewport.height - (m.b * x + m.d * y + m.f))
     if not (words and size > 0 and np.isfinite([*begin, size, angle]).all()):
         return
