@@ -62,7 +62,12 @@ def main(parent: int) -> int:
         with suppress(ProcessLookupError, PermissionError):  # what it has started and left behind
             os.killpg(pid, signal.SIGKILL)
         _, status, used = os.wait4(pid, 0)
-        messages.send("ended", code=os.waitstatus_to_exitcode(status), peak_bytes=used.ru_maxrss * 1024)
+        messages.send(
+            "ended",
+            code=os.waitstatus_to_exitcode(status),
+            peak_bytes=used.ru_maxrss * 1024,
+            cpu_s=used.ru_utime + used.ru_stime,
+        )
     return 0
 
 

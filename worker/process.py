@@ -53,6 +53,8 @@ class WarmChild:
         Whether it is gone, and its job with it.
     peak_bytes : int
         The most memory that the last job, or one process that it started, held at a time.
+    cpu_s : float
+        CPU seconds of the last job and of all that it has started, once it has ended.
     """
 
     def __init__(self) -> None:
@@ -72,7 +74,7 @@ class WarmChild:
         self._job_pid: int | None = None
         self._job_code: int | None = None
         self._is_closed = False
-        self.peak_bytes = 0
+        self.peak_bytes, self.cpu_s = 0, 0.0
         self.has_ended = False
         self.is_ready = False
         self.is_working = False
@@ -92,7 +94,8 @@ class WarmChild:
             "workdir": str(workdir),
             "limits": asdict(limits),
         }
-        self.is_working, self._job_pid, self._job_code, self.peak_bytes = True, None, None, 0
+        self.is_working, self._job_pid, self._job_code = True, None, None
+        self.peak_bytes, self.cpu_s = 0, 0.0
         crash_points.reach("message-job.before-send")
         with suppress(BrokenPipeError):
             self._stdin.write(json.dumps(job).encode() + b"\n")
@@ -183,7 +186,7 @@ class WarmChild:
                 self._job_pid = message["pid"]
             case "ended":
                 self._job_code, self.is_working = message["code"], False
-                self.peak_bytes = message["peak_bytes"]
+                self.peak_bytes, self.cpu_s = message["peak_bytes"], message["cpu_s"]
             case _:
                 return False
         return True

@@ -184,7 +184,12 @@ class Runner:
                 child.end()
             shutil.rmtree(workdir, ignore_errors=True)
         self._settle(watch)
-        bound.info("job ended", seconds=round(time.monotonic() - watch.started_at, 3))
+        bound.info(
+            "job ended",
+            seconds=round(time.monotonic() - watch.started_at, 3),
+            cpu_s=round(child.cpu_s, 3),
+            peak_mib=child.peak_bytes >> 20,
+        )
 
     def _listen(self, watch: _Watch) -> None:
         """Take what the job says."""
