@@ -5,9 +5,11 @@ from __future__ import annotations
 import re
 import struct
 import zlib
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from random import Random
 
+from service.domain.media import HEAD_BYTES, recognise
 from tests.hostile import drawings, scans
 
 MOST_BYTES = 2 << 20
@@ -135,7 +137,7 @@ DAMAGES: dict[str, Callable[[bytes, Random], bytes]] = {
 }  # fmt: skip
 """What damages a file, by its name."""
 
-FORMATS = {
+FORMATS: dict[str, tuple[str, Callable[[], bytes]]] = {
     **{name: ("drawings", make) for name, make in drawings.MAKERS.items()},
     **{name: ("scans", make) for name, make in scans.MAKERS.items()},
 }
@@ -178,7 +180,20 @@ def damaged(kind: str, damage: str, seed: int) -> bytes:
     return RESEAL[kind](content) if kind in RESEAL and rng.random() < 0.7 else content
 
 
-def case(seed: int) -> tuple[str, str]:
+def case(seed: int, kinds: Sequence[str] = tuple(FORMATS)) -> tuple[str, str]:
     """Return the kind and the damage of a seed: as many seeds as there are pairs meet each pair once."""
-    pairs = [(kind, damage) for damage in DAMAGES for kind in FORMATS]
+    pairs = [(kind, damage) for damage in DAMAGES for kind in kinds]
     return pairs[seed % len(pairs)]
+
+
+def add_right_files(folder: Path) -> list[str]:
+    """Return the kinds that the files of a folder, right ones and of a size to damage, make from now on."""
+    kinds = []
+    for path in sorted(folder.iterdir()):
+        content = path.read_bytes() if path.is_file() and path.stat().st_size <= MOST_BYTES else b""
+        purpose = recognise(content[:HEAD_BYTES]).fits
+        if purpose is not None:
+            _made[path.name] = content
+            FORMATS[path.name] = (f"{purpose}s", lambda content=content: content)
+            kinds.append(path.name)
+    return kinds

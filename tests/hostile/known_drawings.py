@@ -165,14 +165,23 @@ def _claiming_pgm(kind: bytes) -> bytes:
 # --- SVG: lengths -------------------------------------------------------------------------------------------
 
 
-def _svg_with(attribute: str, *, text: str = "", style: str = "") -> Callable[[], bytes]:
-    def make() -> bytes:
-        content = drawings.MAKERS["svg"]().replace(b'stroke-width="0.7"', attribute.encode())
-        if style:
-            content = content.replace(b"<defs>", f"<style>{style}</style><defs>".encode())
-        return content.replace(b'font-size="9"', (text or 'font-size="9"').encode())
+_PENS = (
+    'stroke-width="0.5em"', 'stroke-width="1ex"', 'stroke-width="0.1rem"', 'stroke-width="1%"',
+    'stroke-width="0.3vw"', 'stroke-width="calc(1px + 1em)"', 'stroke-width="thick"', 'stroke-width=""',
+    'stroke-width="1e308em"', 'stroke-width="nan"', 'stroke-width="inherit"', 'style="stroke-width:0.5em"',
+    'font-size="2em" stroke-width="0.5em"', 'class="w"',
+)  # fmt: skip
+_LETTERS = (
+    'font-size="0.5em"', 'font-size="larger"', 'style="font-size:2em"', 'font-size="1e308em"', 'font-size=""',
+    'font-size="9" dx="1em" dy="1ex"', 'font-size="nan"', 'letter-spacing="0.1em"', 'x="1em" y="5%"',
+)  # fmt: skip
 
-    return make
+
+def _svg_of(attributes: tuple[str, ...]) -> bytes:
+    """Return the right sheet with a line and a text more for each of the attributes."""
+    more = "".join(f'<path d="M0 0L9 9" stroke="#000" {a}/><text {a}>1:100</text>' for a in attributes)
+    style = "<style>.w{stroke-width:0.5em} text{font-size:2em}</style>"
+    return drawings.MAKERS["svg"]().replace(b"<defs>", f"{style}{more}<defs>".encode())
 
 
 # --- DXF: curves of very many points ------------------------------------------------------------------------
@@ -247,38 +256,11 @@ KNOWN_DRAWINGS: dict[str, Known] = {
     "PGM claiming 196 Mpx": _drawing(lambda: _claiming_pgm(b"P5"), "image-too-large"),
     "text PGM claiming 196 Mpx": _drawing(lambda: _claiming_pgm(b"P2"), "image-too-large"),
     **{
-        f"SVG with {attribute}": _drawing(_svg_with(attribute), READING)
-        for attribute in (
-            'stroke-width="0.5em"',
-            'stroke-width="1ex"',
-            'stroke-width="0.1rem"',
-            'stroke-width="1%"',
-            'stroke-width="0.3vw"',
-            'stroke-width="calc(1px + 1em)"',
-            'stroke-width="thick"',
-            'stroke-width=""',
-            'stroke-width="1e308em"',
-            'stroke-width="nan"',
-            'style="stroke-width:0.5em"',
-            'font-size="2em" stroke-width="0.5em"',
-            'stroke-width="inherit"',
-        )
+        f"SVG with {attribute}": _drawing(lambda attribute=attribute: _svg_of((attribute,)), READING)
+        for attribute in _PENS[:3]
     },
-    **{
-        f"SVG text with {attribute}": _drawing(_svg_with('stroke-width="1"', text=attribute), READING)
-        for attribute in (
-            'font-size="0.5em"',
-            'font-size="larger"',
-            'style="font-size:2em"',
-            'font-size="1e308em"',
-            'dx="1em" dy="1ex" font-size="9"',
-            'font-size="nan"',
-            'letter-spacing="0.1em"',
-        )
-    },
-    "SVG with a style of em": _drawing(
-        _svg_with('class="w"', style=".w{stroke-width:0.5em} text{font-size:2em}"), READING
-    ),
+    "SVG with pens of every length": _drawing(lambda: _svg_of(_PENS), READING),
+    "SVG with letters of every length": _drawing(lambda: _svg_of(_LETTERS), READING),
     "DXF spline fitted to 100,000 points": _drawing(
         _dxf_with(lambda doc: doc.modelspace().add_spline(_wave())), READING
     ),

@@ -1,17 +1,21 @@
-"""Every known hostile file through the real upload: it ends as it should, and nobody else notices."""
+"""Hostile files through the real upload: each ends as it should, within its cost, and nobody else notices."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
+from pathlib import Path
 
 import pytest
 
 from service.settings import Settings
+from tests.hostile.damage import DAMAGES, FORMATS, case, damaged
 from tests.hostile.known_drawings import KNOWN_DRAWINGS
 from tests.hostile.known_scans import KNOWN_SCANS
 from tests.hostile.plant import Plant, working
 
 KNOWN = KNOWN_DRAWINGS | KNOWN_SCANS
+SEEDS = range(0, len(FORMATS) * len(DAMAGES), 17)  # each damage, and a third of the kinds
+"""Few of the seeds of ``poe hostile``."""
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +27,14 @@ def plant(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
 @pytest.mark.parametrize("name", KNOWN)
 def test_a_known_file_ends_as_it_should(plant: Plant, name: str) -> None:
     known = KNOWN[name]
-    ending = plant.push(known.collection, known.make(), name="plan.dat")
-    assert ending.end == known.ends, ending
+    ending = plant.ending(plant.send(known.collection, known.make()))
+    assert (ending.end, ending.faults) == (known.ends, []), ending.detail
     assert known.finding is None or known.finding in ending.findings
-    assert plant.unwell(ending.ids) == []
+
+
+@pytest.mark.postgres
+def test_damaged_files_end_as_readings_or_problems(postgres_url: str, tmp_path: Path) -> None:
+    with working(Settings(data_dir=tmp_path, database_url=postgres_url)) as plant:
+        uploads = {seed: plant.send(FORMATS[case(seed)[0]][0], damaged(*case(seed), seed)) for seed in SEEDS}
+        endings = {(*case(seed), seed): plant.ending(upload) for seed, upload in uploads.items()}
+    assert {name: ending for name, ending in endings.items() if ending.faults} == {}
