@@ -22,6 +22,7 @@ from service.app import SchemaNotCurrent, create_app, open_kernel, require_schem
 from service.db.schema import ReferencesBroken, upgrade
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
+from service.protocol import Http, headers_of_all_answers
 from service.settings import Settings
 from service.usecases.keys import create_first_key, create_key_at_the_console
 
@@ -97,6 +98,10 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
                 log_config=None,
                 access_log=False,
                 server_header=False,
+                http=Http,
+                headers=headers_of_all_answers(
+                    hsts_s=settings.hsts_s if settings.is_reached_by_https() else 0
+                ),
                 timeout_graceful_shutdown=_GRACE_S,
                 ssl_certfile=settings.tls_cert,
                 ssl_keyfile=settings.tls_key,

@@ -39,6 +39,13 @@ class Settings(BaseSettings):
     )
     tls_key: Path | None = Field(None, description="PEM file of the certificate's private key.")
 
+    hsts_s: int = Field(
+        31_536_000,
+        ge=0,
+        description="Seconds for which browsers come back by HTTPS alone (HSTS), told where this is how the"
+        " service is reached; 0 does not tell.",
+    )
+
     front_prefix: str | None = Field(
         None,
         pattern=r"^/([A-Za-z0-9_-]+/)+$",
@@ -117,6 +124,10 @@ class Settings(BaseSettings):
             msg = "a certificate and its key belong together: give GROUNDPLAN_TLS_CERT and GROUNDPLAN_TLS_KEY"
             raise ValueError(msg)
         return self
+
+    def is_reached_by_https(self) -> bool:
+        """Return whether clients reach the service by HTTPS: by its own certificate, or a front's."""
+        return self.tls_cert is not None or (self.public_url or "").startswith("https:")
 
     def networks(self) -> tuple[Network, ...]:
         """Return the networks that webhooks may lie in although they are not public."""

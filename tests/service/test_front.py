@@ -142,3 +142,23 @@ def test_long_metadata_of_an_upload_passes_both_ways(clients: tuple[httpx.Client
     assert made.status_code == 201, made.text
     head = front.head(httpx.URL(made.headers["location"]).path, headers=told)
     assert (head.status_code, head.headers["upload-metadata"]) == (200, metadata)
+
+
+def test_nginx_says_to_browsers_on_its_own_answers_what_the_service_says(
+    fronts: tuple[Server, Front], tmp_path: Path
+) -> None:
+    _, front = fronts
+    with front.client("none") as client:
+        own = client.get("/_blobs/none")
+        passed = client.get("/v1/maps")
+    for answer in (own, passed):
+        assert answer.headers.get_list("x-content-type-options") == ["nosniff"]
+        assert len(answer.headers.get_list("content-security-policy")) == 1
+    assert (own.status_code, own.headers["server"]) == (404, "nginx")
+    with running(Settings(data_dir=tmp_path / "data")) as gone:
+        pass
+    with fronted(gone, tmp_path / "nginx", is_up=False) as alone, alone.client("none") as client:
+        answer = client.get("/v1/maps")
+    assert answer.status_code == 502
+    assert answer.headers["x-content-type-options"] == "nosniff"
+    assert answer.headers["content-security-policy"] == "default-src 'none'; frame-ancestors 'none'"

@@ -39,6 +39,7 @@ export default defineConfig({
     target: "es2022",
     assetsInlineLimit: 0,
     modulePreload: { polyfill: false },
-    chunkSizeWarningLimit: 900,
+    chunkSizeWarningLimit: 1600,
+    rolldownOptions: { input: [join(here, "index.html"), join(here, "docs.html")] },
   },
 });
