@@ -3,20 +3,20 @@
 from __future__ import annotations
 
 import argparse
-import ctypes
 import importlib.util
 import os
 import signal
-import subprocess
+import socket
 import sys
 import threading
+from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 
 from worker.cli.certificate import CertificateNotMade, self_made
+from worker.cli.supervision import Supervisor, start
 
-_STOP_S = 20.0
 _LOOK_EVERY_S = 0.2
-_PR_SET_PDEATHSIG = 1
 _NEEDED_BY_VDA5050 = ("paho",)
 _MODULES = {"worker": "worker", "vda5050": "worker.vda5050"}
 _NEEDED = ("numba", "scipy", "cv2", "skimage", "PIL")
@@ -71,56 +71,49 @@ def _data_dir() -> Path:
 
 
 def _up() -> int:
-    """Migrate, start service and worker, and stay until told to stop (0) or until one of them ends (1)."""
+    """Migrate, then keep service and worker running until told to stop (0) or until that is of no use (1)."""
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda _signal, _frame: stop.set())
-    migrated = _start("service", "migrate").wait()
+    migrated = start(["-m", "service", "migrate"]).wait()
     if migrated != 0:
-        print("groundplan up: the database could not be brought to this version's schema", file=sys.stderr)
+        _tell("the database could not be brought to this version's schema")
         return 1
     if stop.is_set():
         return 0
-    running = {"service": _start("service", "serve"), "worker": _start("worker")}
-    try:
-        while not stop.wait(_LOOK_EVERY_S):
-            ended = {name: p.poll() for name, p in running.items() if p.poll() is not None}
-            for name, status in ended.items():
-                print(f"groundplan up: the {name} ended by itself ({_how(status)})", file=sys.stderr)
-            if ended:
-                return 1
-    finally:
-        _stop(list(running.values()))
+    with _one_port():
+        kept = Supervisor({"service": ["-m", "service", "serve"], "worker": ["-m", "worker"]}, tell=_tell)
+        try:
+            while not stop.wait(_LOOK_EVERY_S):
+                if not kept.look():
+                    return 1
+        finally:
+            kept.stop()
     return 0
 
 
-def _start(*words: str) -> subprocess.Popen[bytes]:
-    """Start ``python -m WORDS`` in a session of its own, so that Ctrl-C reaches it through this one."""
-    return subprocess.Popen(
-        [sys.executable, "-m", *words],
-        start_new_session=True,
-        preexec_fn=_end_with_parent,  # noqa: PLW1509 - no thread runs here
-    )
+@contextmanager
+def _one_port() -> Iterator[None]:
+    """Keep the address through new starts of the service: where it takes a free port, that is taken here.
 
-
-def _end_with_parent() -> None:
-    """Let the kernel end the new process when this one is killed."""
-    ctypes.CDLL(None).prctl(_PR_SET_PDEATHSIG, signal.SIGTERM, 0, 0, 0)
-
-
-def _stop(processes: list[subprocess.Popen[bytes]]) -> None:
-    for process in processes:
-        if process.poll() is None:
-            process.terminate()
-    for process in processes:
+    The port is bound here without listening, so that nobody else gets it while the service is away.
+    """
+    if os.environ.get("GROUNDPLAN_PORT") != "0":
+        yield
+        return
+    host = os.environ.get("GROUNDPLAN_HOST", "127.0.0.1")
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    with socket.socket(family, socket.SOCK_STREAM) as kept:
+        kept.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
+        if family == socket.AF_INET6:
+            kept.setsockopt(socket.IPPROTO_IPV6, socket.IPV6_V6ONLY, 1)
         try:
-            process.wait(_STOP_S)
-        except subprocess.TimeoutExpired:
-            process.kill()
-            process.wait()
+            kept.bind((host, 0))
+            os.environ["GROUNDPLAN_PORT"] = str(kept.getsockname()[1])
+        except OSError:
+            pass  # the service itself says what is wrong with the host
+        yield
 
 
-def _how(status: int | None) -> str:
-    if status is not None and status < 0:
-        return f"killed by {signal.Signals(-status).name}"
-    return f"status {status}"
+def _tell(line: str) -> None:
+    print(f"groundplan up: {line}", file=sys.stderr, flush=True)
