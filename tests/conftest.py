@@ -79,3 +79,12 @@ def shared_data() -> Path:
     if not folder.is_dir():
         pytest.skip("the real inputs are not part of the repository: ../shared/data is absent")
     return folder
+
+
+@pytest.fixture(scope="session")
+def shared_cases() -> Path:
+    """Give the folder of collected cases beside the repository; the test is skipped where there is none."""
+    folder = ROOT.parent / "shared" / "cases"
+    if not folder.is_dir():
+        pytest.skip("the collected cases are not part of the repository: ../shared/cases is absent")
+    return folder

@@ -161,15 +161,127 @@ def test_a_word_on_the_scale_wins(tmp_path: Path) -> None:
         (HEADER + "mode: thermal\n", FileMalformed),
         (HEADER.replace("map.pgm", "other.pgm"), HeaderMismatch),
         (HEADER.replace("map.pgm", "../map.pgm"), FileMalformed),
-        (HEADER.replace("map.pgm", "/etc/passwd"), FileMalformed),
+        (HEADER.replace("map.pgm", "../map/map.pgm"), FileMalformed),
+        (HEADER.replace("map.pgm", "a/../map.pgm"), FileMalformed),
+        (HEADER.replace("map.pgm", "'..\\map.pgm'"), FileMalformed),
+        (HEADER.replace("map.pgm", "/opt/robot/../map.pgm"), FileMalformed),
+        (HEADER.replace("map.pgm", "/etc/passwd"), HeaderMismatch),
         (HEADER.replace("map.pgm", "'..'"), FileMalformed),
-        (HEADER.replace("map.pgm", "'a\\b'"), FileMalformed),
+        (HEADER.replace("map.pgm", "'.'"), FileMalformed),
+        (HEADER.replace("map.pgm", "'/'"), FileMalformed),
+        (HEADER.replace("map.pgm", "'C:'"), FileMalformed),
+        (HEADER.replace("map.pgm", "./map.pgm/"), FileMalformed),
+        (HEADER.replace("map.pgm", '"map\\0.pgm"'), FileMalformed),
+        (HEADER.replace("map.pgm", "[map.pgm]"), FileMalformed),
+        (HEADER.replace("map.pgm", "'a\\b'"), HeaderMismatch),
+        (HEADER.replace("map.pgm", "map.pgm.old"), HeaderMismatch),
         (HEADER.replace("map.pgm", "&a map.pgm"), FileMalformed),
     ],
 )
 def test_each_bad_header_has_its_own_problem(header: str, leaf: type[DomainError], tmp_path: Path) -> None:
     with pytest.raises(leaf):
         load_ros_map(_write(tmp_path, header))
+
+
+@pytest.mark.parametrize(
+    "said",
+    [
+        "./map.pgm",
+        "././/map.pgm",
+        "/opt/robot/maps/map.pgm",
+        "~/maps/map.pgm",
+        "'C:\\Users\\robot\\maps\\map.pgm'",
+        "C:/maps/map.pgm",
+        "'.\\map.pgm'",
+        "file:///opt/robot/map.pgm",
+        "package://plant_maps/maps/map.pgm",
+        "'\\\\server\\maps\\map.pgm'",
+        "maps/map.pgm",
+        "Map.PGM",
+        "'map.pgm'",
+        '"./map.pgm"  # saved by robot',
+    ],
+)
+def test_the_image_is_found_by_its_name(said: str, tmp_path: Path) -> None:
+    header = (HEADER + THRESHOLDS).replace("map.pgm", said)
+    path = _write(tmp_path, header)
+    beside = read_drawing_file(path, options=DrawingOptions())
+    assert beside.sheet == pytest.approx((10.0, 6.0))
+    assert len(beside.walls) == 4
+    for names in (("map.yaml", "map.pgm"), ("plant/map.yaml", "plant/map.pgm"), ("m/map.yml", "img/map.pgm")):
+        packed = _zip(tmp_path / "upload", (names[0], header.encode()), (names[1], _pgm(_room())))
+        assert len(read_drawing_file(packed, options=DrawingOptions()).walls) == 4
+
+
+@pytest.mark.parametrize(
+    "said", ["images/map.pgm", "./images/map.pgm", "Images/MAP.pgm", "'images\\map.pgm'"]
+)
+def test_an_image_in_a_folder_below_is_taken_before_one_beside(said: str, tmp_path: Path) -> None:
+    path = _write(tmp_path, (HEADER + THRESHOLDS).replace("map.pgm", said), image=b"another")
+    (tmp_path / "images").mkdir()
+    (tmp_path / "images" / "map.pgm").write_bytes(_pgm(_room()))
+    assert len(load_ros_map(path).walls) == 4
+
+
+def test_of_two_names_in_other_letters_none_is_guessed(tmp_path: Path) -> None:
+    path = _write(tmp_path, (HEADER + THRESHOLDS).replace("map.pgm", "Map.PGM"))
+    (tmp_path / "MAP.pgm").write_bytes(_pgm(_room()))
+    with pytest.raises(HeaderMismatch, match=r"Map\.PGM"):
+        load_ros_map(path)
+    (tmp_path / "Map.PGM").write_bytes(_pgm(_room()))
+    assert len(load_ros_map(path).walls) == 4
+
+
+@pytest.mark.parametrize("prefix", ["", "\ufeff"])
+@pytest.mark.parametrize("ending", ["\n", "\r\n"])
+@pytest.mark.parametrize("number", ["0.05", "5e-2", "5.0E-02", ".05", "0.050000000000", "+5.e-2"])
+def test_headers_of_other_programs_are_read(prefix: str, ending: str, number: str, tmp_path: Path) -> None:
+    header = "# saved by robot\n" + (HEADER + THRESHOLDS).replace("0.05", number)
+    path = _write(tmp_path)
+    path.write_bytes((prefix + header.replace("\n", ending)).encode())
+    reading = read_drawing_file(path, options=DrawingOptions())
+    assert reading.scale.metres_per_unit == pytest.approx(0.05)
+    assert len(reading.walls) == 4
+
+
+def test_a_folder_packed_by_a_desktop_is_read(tmp_path: Path) -> None:
+    header = (HEADER + THRESHOLDS).replace("map.pgm", "地図.pgm").encode()
+    path = tmp_path / "upload"
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.mkdir("plant")
+        archive.writestr("plant/map.yaml", header)
+        archive.writestr("plant/地図.pgm", _pgm(_room()))
+        archive.writestr("plant/.DS_Store", b"x")
+        archive.writestr("__MACOSX/plant/._map.yaml", b"x")
+    assert len(read_drawing_file(path, options=DrawingOptions()).walls) == 4
+    japanese = zipfile.ZipInfo("地図.pgm".encode("cp932").decode("cp437"))  # as Windows in Japan packs it
+    with zipfile.ZipFile(path, "w") as archive:
+        archive.writestr("maps\\map.yaml", header)
+        archive.writestr(japanese, _pgm(_room()))
+    packed = path.read_bytes()
+    wanted, flagged = "地図.pgm".encode("cp932"), japanese.filename.encode()
+    path.write_bytes(_renamed(packed, flagged, wanted))
+    assert len(read_drawing_file(path, options=DrawingOptions()).walls) == 4
+
+
+def _renamed(packed: bytes, name: bytes, by: bytes) -> bytes:
+    """Return a ZIP whose second entry is called otherwise, in bytes that are not said to be UTF-8."""
+    buffer = io.BytesIO()
+    with zipfile.ZipFile(io.BytesIO(packed)) as source, zipfile.ZipFile(buffer, "w") as archive:
+        for entry in source.infolist():
+            content = source.read(entry)
+            plain = entry.filename if entry.filename.encode() != name else "x" * len(by)
+            archive.writestr(plain, content)
+    return buffer.getvalue().replace(b"x" * len(by), by)
+
+
+@pytest.mark.parametrize("folder", ["comment-crlf", "abs-path"])
+def test_the_collected_maps_are_read(folder: str, shared_cases: Path) -> None:
+    path = shared_cases / "44-ros-map-image-path" / folder / "map.yaml"
+    reading = read_drawing_file(path, options=DrawingOptions())
+    corners = np.vstack([face for wall in reading.walls for face in wall.faces])
+    assert corners.min(axis=0) == pytest.approx([2.0, 2.0], abs=0.03)
+    assert corners.max(axis=0) == pytest.approx([22.0, 14.0], abs=0.03)
 
 
 def test_a_yaml_that_was_uploaded_alone_looks_at_no_neighbour(tmp_path: Path) -> None:
@@ -221,7 +333,10 @@ YAML = (HEADER + THRESHOLDS).encode()
         ([("map.yaml", YAML), ("map.pgm", b"x"), ("c.txt", b"x")], FileMalformed),
         ([("map.yaml", YAML), ("../map.pgm", b"x")], FileMalformed),
         ([("map.yaml", YAML), ("/map.pgm", b"x")], FileMalformed),
-        ([("a/map.yaml", YAML), ("a/map.pgm", b"x")], FileMalformed),
+        ([("a/map.yaml", YAML), ("a/../../map.pgm", b"x")], FileMalformed),
+        ([("map.yaml", YAML), ("..\\map.pgm", b"x")], FileMalformed),
+        ([("map.yaml", YAML), ("b/map.yaml", YAML), ("map.pgm", b"x")], FileMalformed),
+        ([("a/map.yaml", YAML), ("a/other.pgm", b"x")], HeaderMismatch),
         ([("map.yaml", YAML), ("C:\\map.pgm", b"x")], FileMalformed),
         ([("map.yaml", YAML), ("other.pgm", b"x")], HeaderMismatch),
         ([("map.yaml", YAML), ("map.pgm", b"")], FileEmpty),

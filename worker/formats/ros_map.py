@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import lzma
 import math
-import zipfile
-import zlib
+import re
 from collections.abc import Callable
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -16,27 +14,19 @@ import shapely
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
-from service.domain.errors import (
-    FileEncrypted,
-    FileMalformed,
-    FileTruncated,
-    HeaderMismatch,
-    ImageTooLarge,
-    NotFinite,
-    NoWallsFound,
-)
+from service.domain.errors import FileMalformed, NotFinite, NoWallsFound
 from service.domain.findings import Finding
 from service.domain.scale import ScaleHint
 from worker.formats.grey_map import decode_shades
 from worker.formats.plain_yaml import parse_plain_yaml
+from worker.formats.ros_map_files import map_files, parts_of
 from worker.geometry.drawing.model.occupied import read_occupied
 from worker.geometry.drawing.reading.reading import Reading, RemovedStroke
 from worker.geometry.drawing.scale.decision import Scale, Witness, contradictions, decide
 
-_YAML = (".yaml", ".yml")
 _MODES = ("trinary", "scale", "raw")
 _EXTENT = (2.0, 5000.0)
-_MOST_ENTRIES = 2
+_NUMBER = re.compile(r"[-+]?(\d+(\.\d*)?|\.\d+)([eE][-+]?\d+)?")
 _CONFIDENCE = 0.6
 
 
@@ -47,7 +37,7 @@ class MapHeader:
     Parameters
     ----------
     image : str
-        Name of the image.
+        Name of the image, or a path to it, as the file has it.
     resolution : float
         Edge of a cell [m].
     origin : tuple of float
@@ -81,9 +71,9 @@ def load_ros_map(
     Parameters
     ----------
     path : Path
-        A ``map.yaml`` whose image lies in the same folder, or a ZIP that holds exactly these two. Only a file
-        that is itself called ``.yaml`` or ``.yml`` has a neighbour: an upload, which lies among others under
-        the name of its hash, has none.
+        A ``map.yaml`` whose image lies in the same folder or one below it, or a ZIP that holds exactly these
+        two. Only a file that is itself called ``.yaml`` or ``.yml`` has a neighbour: an upload, which lies
+        among others under the name of its hash, has none.
     bounds : Bounds, optional
         The most that is read.
     hint : ScaleHint, optional
@@ -100,7 +90,7 @@ def load_ros_map(
     Raises
     ------
     FileMalformed
-        If the YAML or the ZIP breaks its rules, or names its image by a path.
+        If the YAML or the ZIP breaks its rules, or the image's path leads out of the folder.
     NotFinite, HeaderMismatch
         If a number is not finite; if the image is missing.
     DrawingTooComplex, ImageTooLarge
@@ -112,9 +102,9 @@ def load_ros_map(
     """
     bounds = bounds or Bounds()
     tell = progress or (lambda _stage, _share: None)
-    with path.open("rb") as file:
-        zipped = file.read(4) == b"PK\x03\x04"
-    header, image = _from_zip(path, bounds) if zipped else _from_folder(path, bounds)
+    files = map_files(path, bounds)
+    header = parse_header(files.text, files.name, bounds=bounds)
+    image = files.image(header.image)
     tell("load", 0.2)
     occupied, unknown = _cells(image, header, bounds)
     tell("walls", 0.4)
@@ -146,92 +136,6 @@ def load_ros_map(
     return _in_scale(reading, header, scale)
 
 
-def _from_folder(path: Path, bounds: Bounds) -> tuple[MapHeader, bytes]:
-    with path.open("rb") as file:
-        header = parse_header(file.read(bounds.max_yaml_bytes + 1), path.name, bounds=bounds)
-    if path.suffix.lower() not in _YAML:
-        raise HeaderMismatch(
-            f"The map.yaml came without its image {header.image!r}: send a ZIP that holds both.",
-            image=header.image,
-        )
-    beside = path.parent / header.image
-    if not beside.is_file() or beside.resolve().parent != path.parent.resolve():
-        raise HeaderMismatch(
-            f"{path.name} names the image {header.image!r}, which does not lie beside it. Put it in the same "
-            "folder; to upload a map, send a ZIP of both.",
-            image=header.image,
-        )
-    size = beside.stat().st_size
-    if size > bounds.max_zip_bytes:
-        raise _too_many_bytes(header.image, size, bounds)
-    return header, beside.read_bytes()
-
-
-def _from_zip(path: Path, bounds: Bounds) -> tuple[MapHeader, bytes]:
-    try:
-        with zipfile.ZipFile(path) as archive:
-            entries = archive.infolist()
-            yaml_entry, image_entry = _two_entries(entries, path, bounds)
-            header = parse_header(_unpack(archive, yaml_entry, bounds), yaml_entry.filename, bounds=bounds)
-            if image_entry.filename != header.image:
-                raise HeaderMismatch(
-                    f"{yaml_entry.filename} names the image {header.image!r}, and the ZIP holds "
-                    f"{image_entry.filename!r}.",
-                    image=header.image,
-                )
-            return header, _unpack(archive, image_entry, bounds)
-    except (zipfile.BadZipFile, zipfile.LargeZipFile, EOFError) as error:
-        raise FileTruncated(f"{path.name} is no whole ZIP: {error}. Upload it again.") from error
-    except (NotImplementedError, RuntimeError, ValueError, OSError, zlib.error, lzma.LZMAError) as error:
-        raise FileMalformed(f"{path.name} cannot be unpacked: {error}.") from error
-
-
-def _two_entries(
-    entries: list[zipfile.ZipInfo], path: Path, bounds: Bounds
-) -> tuple[zipfile.ZipInfo, zipfile.ZipInfo]:
-    """Return the YAML and the image of a ZIP that holds exactly these, by plain names."""
-    for entry in entries[: _MOST_ENTRIES + 1]:
-        if not _is_plain(entry.filename):
-            raise FileMalformed(
-                f"{path.name} holds {entry.filename[:80]!r}: only plain names are taken, without folders."
-            )
-        if entry.flag_bits & 1:
-            raise FileEncrypted(f"{path.name} is encrypted; pack it without a password.")
-    of_yaml = [e for e in entries if e.filename.lower().endswith(_YAML)]
-    others = [e for e in entries if e not in of_yaml]
-    if len(entries) != _MOST_ENTRIES or len(of_yaml) != 1:
-        raise FileMalformed(
-            f"{path.name} holds {len(entries)} files, {len(of_yaml)} of them YAML; a ZIP of a ROS map holds "
-            "its YAML and its image and nothing else."
-        )
-    size = sum(e.file_size for e in entries)
-    if size > bounds.max_zip_bytes:
-        raise _too_many_bytes(path.name, size, bounds)
-    return of_yaml[0], others[0]
-
-
-def _unpack(archive: zipfile.ZipFile, entry: zipfile.ZipInfo, bounds: Bounds) -> bytes:
-    """Return the bytes of an entry, never more than its header or the bound says."""
-    with archive.open(entry) as file:
-        unpacked = file.read(bounds.max_zip_bytes + 1)
-    if len(unpacked) > bounds.max_zip_bytes:
-        raise _too_many_bytes(entry.filename, len(unpacked), bounds)
-    return unpacked
-
-
-def _too_many_bytes(name: str, size: int, bounds: Bounds) -> ImageTooLarge:
-    return ImageTooLarge(
-        f"{name} has {size} bytes unpacked; at most {bounds.max_zip_bytes} are read.",
-        max_bytes=bounds.max_zip_bytes,
-    )
-
-
-def _is_plain(name: str) -> bool:
-    return (
-        bool(name) and not any(c in name for c in "/\\:\0") and name not in (".", "..") and name.isprintable()
-    )
-
-
 def parse_header(text: bytes, name: str, *, bounds: Bounds) -> MapHeader:
     """Return what a ``map.yaml`` says.
 
@@ -244,10 +148,7 @@ def parse_header(text: bytes, name: str, *, bounds: Bounds) -> MapHeader:
     """
     said = parse_plain_yaml(text, name, bounds=bounds)
     image = said.get("image")
-    if not isinstance(image, str) or not _is_plain(image):
-        raise FileMalformed(
-            f"{name} names its image {str(image)[:80]!r}; only a plain name, of a file beside it, is taken."
-        )
+    parts_of(image, name)
     resolution = _number(said, "resolution", name)
     if not 0.0 < resolution <= 10.0:
         raise FileMalformed(f"The resolution in {name} is {resolution:g} m a cell; it lies between 0 and 10.")
@@ -267,7 +168,7 @@ def parse_header(text: bytes, name: str, *, bounds: Bounds) -> MapHeader:
             "0 <= free < occupied <= 1."
         )
     negate = bool(_number(said, "negate", name, 0.0))
-    return MapHeader(image, resolution, (x, y, yaw), negate, occupied, free, str(mode))
+    return MapHeader(str(image), resolution, (x, y, yaw), negate, occupied, free, str(mode))
 
 
 def _number(said: dict[str, Any], key: str, name: str, default: float | None = None) -> float:
@@ -278,6 +179,8 @@ def _number(said: dict[str, Any], key: str, name: str, default: float | None = N
 
 
 def _finite(value: Any, key: str, name: str) -> float:
+    if isinstance(value, str) and _NUMBER.fullmatch(value):  # 5e-2 has no point, and is text in YAML 1.1
+        value = float(value)
     if not isinstance(value, int | float):
         raise FileMalformed(f"The {key} in {name} is no number: {str(value)[:40]!r}.")
     if not math.isfinite(value):

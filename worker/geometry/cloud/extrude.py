@@ -21,7 +21,9 @@ _LEVEL_SLACK = 1.001
 _MIN_STEP = 0.002
 _FOOTPRINT_CELL, _FOOTPRINT_CELLS = 0.1, 4e6
 _CELLS_A_POINT = 4.0
-_DOOR_HALF_WIDTH = 1.0
+
+DOOR_HALF_WIDTH = 1.0
+"""Half the widest gap in a wall that counts as a door, so that what lies behind is a room [m]."""
 
 
 def wall_columns(walls: Sequence[Wall], columns: Sequence[Column], voxel_size: float) -> NDArray[np.float64]:
@@ -167,9 +169,9 @@ def footprint(xy: NDArray[np.float64]) -> Footprint:
     Walls are closed over gaps of up to two metres (doors), then what they enclose is filled. Rooms whose
     walls are not drawn stay outside. Cells are 10 cm, larger where that would make over four million.
     """
-    area = float(np.prod(np.ptp(xy, axis=0) + 4 * _DOOR_HALF_WIDTH))
+    area = float(np.prod(np.ptp(xy, axis=0) + 4 * DOOR_HALF_WIDTH))
     cell = max(_FOOTPRINT_CELL, math.sqrt(area / _FOOTPRINT_CELLS))
-    reach = math.ceil(_DOOR_HALF_WIDTH / cell)
+    reach = math.ceil(DOOR_HALF_WIDTH / cell)
     index = voxel_index(xy, cell)
     low = index.min(axis=0) - reach - 1
     wall = np.zeros(tuple(index.max(axis=0) - low + reach + 2), dtype=bool)

@@ -11,6 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from service.domain.findings import Finding
+from worker.geometry.drawing.reading.bodies import wall_body
 from worker.geometry.drawing.reading.reading import Reading, Wall
 
 LEAST = 0.6
@@ -131,7 +132,7 @@ def _touched_ends(reading: Reading, reach: float) -> NDArray[np.bool_]:
 def _body(wall: Wall) -> Any:
     if wall.thickness <= 0:
         return shapely.LineString(wall.centre)
-    return shapely.Polygon(np.vstack([wall.faces[0], wall.faces[1][::-1]])).buffer(0)
+    return wall_body(wall)
 
 
 def _aligned(walls: Sequence[Wall]) -> float:

@@ -10,6 +10,7 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from worker.geometry.drawing.reading.bodies import wall_body
 from worker.geometry.drawing.reading.reading import Wall
 
 THINNEST, THICKEST = 0.04, 0.6
@@ -60,7 +61,7 @@ def walls_of_lines(
             walls.append(_wall(segments[pair.first], segments[pair.second], (low, high), reason))
             used[pair.first].append((low, high))
             used[pair.second].append(_projected(segments[pair.first], segments[pair.second], (low, high)))
-    bodies = shapely.union_all([_body(w) for w in walls]).buffer(0.02 / metres_per_unit)
+    bodies = shapely.union_all([wall_body(w) for w in walls]).buffer(0.02 / metres_per_unit)
     shapely.prepare(bodies)
     for segment, taken in zip(segments, used, strict=True):
         for low, high in _gaps(taken, float(np.hypot(*(segment[1] - segment[0])))):
@@ -162,7 +163,3 @@ def _wall(a: NDArray[np.float64], b: NDArray[np.float64], stretch: Interval, rea
     left, right = (two, one) if step[0] * across[1] - step[1] * across[0] > 0 else (one, two)
     thickness = float(np.hypot(*(one - two).mean(axis=0)))
     return Wall((one + two) / 2, thickness, (left, right), "wall", 1.0, reason)
-
-
-def _body(wall: Wall) -> shapely.Geometry:
-    return shapely.Polygon(np.vstack([wall.faces[0], wall.faces[1][::-1]])).buffer(0)
