@@ -19,6 +19,7 @@ class AuditEntry(Base):
     __tablename__ = "audit"
     __table_args__ = (
         Index(None, "map_id", "id"),
+        Index(None, "map_id", "action", "id"),
         Index(None, "key_id", "id"),
         Index(None, "action", "id"),
         Index(None, "subject_id", "id"),

@@ -65,7 +65,11 @@ class RobotReport(Base):
     """One report of a robot, as it came."""
 
     __tablename__ = "robot_reports"
-    __table_args__ = (CheckConstraint(f"state {_STATES}", name="state"), Index(None, "robot_id", "id"))
+    __table_args__ = (
+        CheckConstraint(f"state {_STATES}", name="state"),
+        Index(None, "robot_id", "id"),
+        Index(None, "state", "id"),
+    )
 
     id: Mapped[str] = mapped_column(Id, primary_key=True)
     robot_id: Mapped[str] = mapped_column(ForeignKey("robots.id"))

@@ -1,24 +1,31 @@
-"""The dashboard's queries on PostgreSQL with a big plant's years in it: time, statements, and plans.
+"""The dashboard's queries with a big plant's years in either database: times, statements, and plans.
 
 100,000 revisions of 200 maps, 10,000 robots, 1,000,000 jobs and as many audit entries, over a year.
 """
 
 from __future__ import annotations
 
+import json
 import random
 import statistics
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import ExitStack
 from datetime import UTC, datetime, timedelta
+from itertools import islice
 from typing import Any
 
 import pytest
-from sqlalchemy import Connection, event, text
+from pydantic import SecretStr
+from sqlalchemy import JSON, Connection, event, text
 
 from service.app import open_kernel
+from service.db import schema
 from service.db.audit import AuditFilter
+from service.db.models import Base
 from service.db.narrowing import Narrowing
 from service.db.robots import RobotFilter
+from service.db.session import open_engine
 from service.domain.access import Actor
 from service.domain.ids import new_id
 from service.domain.lifecycle import Role
@@ -27,11 +34,13 @@ from service.usecases import audit, find, maps, publish, robots
 from service.usecases.kernel import Kernel
 from service.usecases.stats import Figures, WantedSeries, series
 
-pytestmark = [pytest.mark.benchmark, pytest.mark.postgres, pytest.mark.timeout(1800)]
+pytestmark = [pytest.mark.benchmark, pytest.mark.timeout(1800)]
 
 MAPS, REVISIONS, ROBOTS, JOBS = 200, 100_000, 10_000, 1_000_000
 ROUNDS = 40
 MOST_MS = 50.0
+MOST_AT_FIRST_MS = {"sqlite": 50.0, "postgresql": 250.0}
+"""The first of all: PostgreSQL counts a million jobs once, and remembers how many."""
 MOST_STATEMENTS = 8
 YEAR_S = 365 * 86400
 BEGIN = datetime(2025, 11, 1, tzinfo=UTC)
@@ -41,11 +50,32 @@ ACTIONS = ("revise", "publish", "receive-scan", "place-scan")
 
 
 def copied(connection: Connection, table: str, columns: str, rows: Iterable[tuple[object, ...]]) -> None:
-    """Put rows into a table by COPY."""
+    """Put rows into a table, by COPY where there is one."""
+    if connection.dialect.name == "sqlite":
+        _inserted(connection, table, columns.split(", "), rows)
+        return
     driver: Any = connection.connection.driver_connection
     with driver.cursor().copy(f"COPY {table} ({columns}) FROM STDIN") as copy:
         for row in rows:
             copy.write_row(row)
+
+
+def _inserted(
+    connection: Connection, table: str, columns: list[str], rows: Iterable[tuple[object, ...]]
+) -> None:
+    model, more = Base.metadata.tables[table], iter(rows)
+    documents = {name for name in columns if isinstance(model.c[name].type, JSON)}
+    while batch := list(islice(more, 10_000)):
+        connection.execute(
+            model.insert(),
+            [
+                {
+                    name: json.loads(str(value)) if name in documents else value
+                    for name, value in zip(columns, row, strict=True)
+                }
+                for row in batch
+            ],
+        )
 
 
 def spread(prefix: str, total: int) -> Iterator[tuple[int, str, datetime]]:
@@ -129,24 +159,28 @@ def _job(k: int, id_: str, at: datetime) -> tuple[object, ...]:
     return id_, KINDS[k % 5], f"map_{k % MAPS}", f"sub_{k}", state, 1, at, False, 1.0, at, done, 3
 
 
-@pytest.fixture(scope="module")
-def plant(postgres_server: Any, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Kernel]:
-    """Give a kernel on a database with a year in it."""
-    from service.db.schema import upgrade  # noqa: PLC0415 - only here
-
-    with postgres_server.database() as url:
-        kernel = open_kernel(Settings(data_dir=tmp_path_factory.mktemp("plant"), database_url=url))
-        try:
-            upgrade(kernel.db.engine)
-            begun = time.monotonic()
-            with kernel.db.engine.begin() as connection:
-                fill(connection)
-            with kernel.db.engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
+@pytest.fixture(scope="module", params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
+def plant(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Kernel]:
+    """Give a kernel on a database with a year in it, opened after it was filled."""
+    folder = tmp_path_factory.mktemp("plant")
+    with ExitStack() as last:
+        url = None
+        if request.param == "postgres":
+            url = SecretStr(last.enter_context(request.getfixturevalue("postgres_server").database()))
+        settings = Settings(data_dir=folder, database_url=url)
+        engine = open_engine(settings.url())
+        schema.upgrade(engine)
+        begun = time.monotonic()
+        with engine.begin() as connection:
+            fill(connection)
+        if request.param == "postgres":
+            with engine.connect().execution_options(isolation_level="AUTOCOMMIT") as connection:
                 connection.execute(text("VACUUM ANALYZE"))
-            print(f"\nfilled in {time.monotonic() - begun:.0f} s")
-            yield kernel
-        finally:
-            kernel.db.close()
+        engine.dispose()
+        print(f"\n{request.param}: filled in {time.monotonic() - begun:.0f} s")
+        kernel = open_kernel(settings)
+        last.callback(kernel.db.close)
+        yield kernel
 
 
 def queries(kernel: Kernel) -> dict[str, Callable[[Any], object]]:
@@ -216,28 +250,34 @@ def test_every_query_of_the_dashboard_is_quick_in_a_big_plant(plant: Kernel) -> 
         def note(_c: Any, _cursor: Any, statement: str, parameters: Any, *_: Any) -> None:
             statements.append((statement, parameters))  # noqa: B023 - removed before the next round
 
-        with plant.db.reading() as session:
-            event.listen(plant.db.engine, "before_cursor_execute", note)
-            ask(session)
-            event.remove(plant.db.engine, "before_cursor_execute", note)
         times = []
-        for _ in range(ROUNDS):
+        for number in range(ROUNDS):
+            if number == ROUNDS - 1:
+                event.listen(plant.db.engine, "before_cursor_execute", note)
+            begun = time.perf_counter()
             with plant.db.reading() as session:
-                begun = time.perf_counter()
                 ask(session)
-                times.append((time.perf_counter() - begun) * 1000)
+            times.append((time.perf_counter() - begun) * 1000)
+        event.remove(plant.db.engine, "before_cursor_execute", note)
         p95 = statistics.quantiles(times, n=20)[-1]
-        told = f"p50 {statistics.median(times):6.1f} ms, p95 {p95:6.1f} ms, {len(statements)} statements"
-        print(f"{name:32} {told}")
-        with plant.db.engine.connect() as connection:
-            for statement, parameters in statements:
-                plan = connection.exec_driver_sql("EXPLAIN " + statement, parameters).scalars().all()
-                print("    " + plan[0].strip() + " | " + _scan_of(plan))
-        if p95 > MOST_MS or len(statements) > MOST_STATEMENTS:
-            slow.append((name, p95, len(statements)))
+        print(
+            f"{name:32} first {times[0]:6.1f} ms, p50 {statistics.median(times):6.1f} ms,"
+            f" p95 {p95:6.1f} ms, {len(statements)} statements"
+        )
+        for statement, parameters in statements:
+            print("    " + _plan(plant, statement, parameters))
+        late = times[0] > MOST_AT_FIRST_MS[plant.db.engine.dialect.name]
+        if p95 > MOST_MS or late or len(statements) > MOST_STATEMENTS:
+            slow.append((name, times[0], p95, len(statements)))
     assert not slow, slow
 
 
-def _scan_of(plan: Sequence[str]) -> str:
-    """Return the lines of a plan that tell how tables are read."""
-    return "; ".join(line.strip(" ->") for line in plan if "Scan" in line)[:200]
+def _plan(plant: Kernel, statement: str, parameters: Any) -> str:
+    """Return how a database reads its tables for a statement, in short."""
+    with plant.db.engine.connect() as connection:
+        if connection.dialect.name == "sqlite":
+            rows = connection.exec_driver_sql("EXPLAIN QUERY PLAN " + statement, parameters).all()
+            return "; ".join(str(row[3]) for row in rows)[:200]
+        lines = connection.exec_driver_sql("EXPLAIN " + statement, parameters).scalars().all()
+    scans = "; ".join(line.strip(" ->") for line in lines if "Scan" in line)
+    return f"{lines[0].strip()} | {scans[:200]}"

@@ -35,23 +35,28 @@ _FIRST = datetime(2026, 1, 2, 3, 4, 5, 678901, tzinfo=UTC)
 def reflected(engine: Engine) -> MetaData:
     """Return our tables as the database has them; the job delivery's own are not ours."""
     found = MetaData()
-    found.reflect(engine, only=lambda name, _: not name.startswith(("procrastinate_", "alembic_", "sqlite_")))
+    found.reflect(engine, only=lambda name, _: _is_ours(name))
     return found
+
+
+def _is_ours(table: str) -> bool:
+    return not table.startswith(("procrastinate_", "alembic_", "sqlite_"))
 
 
 def fill(engine: Engine) -> Rows:
     """Put rows into every empty table, each of which refers to rows of the others, and return all rows."""
-    found, here = reflected(engine), read(engine)
+    found = reflected(engine)
+    here = read(engine, found)
     allowed = {name: _allowed(engine, name) for name in found.tables}
     with engine.begin() as connection:
         for table in found.sorted_tables:
             if not here[table.name]:
                 here[table.name] = [_row(table, here, allowed[table.name], number=k) for k in range(ROWS)]
                 connection.execute(table.insert(), here[table.name])
-    return read(engine)
+    return read(engine, found)
 
 
-def read(engine: Engine) -> Rows:
+def read(engine: Engine, found: MetaData | None = None) -> Rows:
     """Return the rows of our tables, each table's in the order of its primary key."""
     with engine.connect() as connection:
         return {
@@ -59,14 +64,14 @@ def read(engine: Engine) -> Rows:
                 dict(row)
                 for row in connection.execute(select(table).order_by(*table.primary_key.columns)).mappings()
             ]
-            for name, table in reflected(engine).tables.items()
+            for name, table in (found or reflected(engine)).tables.items()
         }
 
 
 def shape(engine: Engine) -> dict[str, Any]:
     """Return what the tables promise: columns, keys, checks, uniqueness and indexes, by table."""
     look, told = inspect(engine), {}
-    for name in reflected(engine).tables:
+    for name in filter(_is_ours, look.get_table_names()):
         told[name] = {
             "columns": {c["name"]: (str(c["type"]), c["nullable"]) for c in look.get_columns(name)},
             "primary": look.get_pk_constraint(name)["constrained_columns"],
