@@ -57,6 +57,7 @@ from service.domain.errors import DomainError
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
+from service.storage.room import Room
 from service.usecases.advance_rollouts import advance_rollouts
 from service.usecases.dispatch_webhooks import dispatch_webhooks
 from service.usecases.kernel import Kernel
@@ -120,6 +121,7 @@ def open_kernel(settings: Settings) -> Kernel:
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
+        room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
     )
 
 
@@ -192,7 +194,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     kernel = kernel or open_kernel(settings)
     require_schema(kernel)
     figures = Figures(kernel)
-    metrics = Metrics(jobs=figures.jobs_now)
+    metrics = Metrics(jobs=figures.jobs_now, spaces=kernel.room.spaces)
     metrics.watch_jobs()
     live = replace(kernel, db=Database(open_engine(kernel.db.engine.url)))
     broadcast = Broadcast(live, max_streams_per_key=settings.max_streams_per_key)

@@ -7,6 +7,7 @@ from typing import Self
 
 from pydantic import Field, SecretStr, field_validator, model_validator
 from pydantic_settings import BaseSettings, SettingsConfigDict
+from sqlalchemy import make_url
 
 from service.domain.outbound import Network, parse_networks
 
@@ -56,6 +57,13 @@ class Settings(BaseSettings):
     max_upload_bytes: int = Field(2048 * MIB, gt=0, description="Largest file that is taken.")
     max_pixels: int = Field(200_000_000, gt=0, description="Largest image that is read.")
     max_points: int = Field(50_000_000, gt=0, description="Largest point cloud that is read.")
+    reserve_bytes: int | None = Field(
+        None,
+        ge=0,
+        description="Bytes that stay free on the disks of the data folder and of SQLite: with less, uploads"
+        " and jobs are refused or wait, and downloads go on. By default 1 GiB or 5 % of the disk, the"
+        " lesser.",
+    )
     upload_expiry_s: float = Field(
         24 * 3600.0, gt=0, description="Seconds until an unfinished upload in pieces is dropped."
     )
@@ -132,6 +140,14 @@ class Settings(BaseSettings):
     def networks(self) -> tuple[Network, ...]:
         """Return the networks that webhooks may lie in although they are not public."""
         return parse_networks(self.webhook_networks or "")
+
+    def folders(self) -> dict[str, Path]:
+        """Return the folders that this installation writes to, by what lies there; files first."""
+        found = {"data": self.data_dir}
+        url = make_url(self.url())
+        if url.get_backend_name() == "sqlite" and url.database:
+            found["database"] = Path(url.database).parent
+        return found
 
     def url(self) -> str:
         """Return the database's SQLAlchemy URL."""

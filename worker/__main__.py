@@ -17,6 +17,7 @@ from service.db.session import Database, open_engine
 from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
+from service.storage.room import Room
 from service.usecases.kernel import Kernel
 from worker.runner import NoChild, Runner, Terms
 
@@ -32,6 +33,7 @@ def main() -> int:
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
+        room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
     )
     limits = JobLimits(
         memory_bytes=settings.job_memory_bytes,

@@ -31,6 +31,7 @@ from service.domain.lifecycle import JobKind
 from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
+from service.storage.room import Room
 from service.usecases.kernel import Kernel
 from worker.context import JobContext, Messages, limit_process
 from worker.registry import HANDLERS, after_fork, prepare
@@ -145,6 +146,7 @@ def _kernel(settings: Settings) -> Kernel:
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
+        room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
     )
 
 

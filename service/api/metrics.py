@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 
 from prometheus_client import CollectorRegistry, Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from service.storage.room import Space
 from service.usecases.stats import JobFigures
 
 MEDIA_TYPE = "text/plain; version=0.0.4; charset=utf-8"
@@ -30,10 +31,29 @@ class _Jobs(Collector):
         )
 
 
+class _Storage(Collector):
+    def __init__(self, look: Callable[[], Sequence[Space]]) -> None:
+        self._look = look
+
+    def collect(self) -> Iterator[GaugeMetricFamily]:
+        spaces = self._look()
+        for name, told in (
+            ("free_bytes", "Bytes that are free on a file system."),
+            ("reserve_bytes", "Bytes that are kept free on it."),
+            ("is_full", "1 while uploads and jobs are refused for want of room on it."),
+        ):
+            gauge = GaugeMetricFamily(
+                f"groundplan_storage_{name.removeprefix('is_')}", told, labels=["holds"]
+            )
+            for space in spaces:
+                gauge.add_metric([space.name], getattr(space, name))
+            yield gauge
+
+
 class Metrics:
     """Hold the counters of one app, in a registry of its own."""
 
-    def __init__(self, *, jobs: Callable[[], JobFigures]) -> None:
+    def __init__(self, *, jobs: Callable[[], JobFigures], spaces: Callable[[], Sequence[Space]]) -> None:
         self._registry = CollectorRegistry(auto_describe=False)
         self._requests = Counter(
             "groundplan_http_requests",
@@ -48,6 +68,7 @@ class Metrics:
             registry=self._registry,
         )
         self._jobs = jobs
+        self._registry.register(_Storage(spaces))
 
     def watch_jobs(self) -> None:
         """Report jobs too; only once the database is known to be usable."""

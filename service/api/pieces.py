@@ -7,11 +7,12 @@ from dataclasses import dataclass
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from service.api.streams import batches, refuse_by_length
+from service.api.streams import announced_bytes, batches, refuse_by_length
 from service.db.models import Upload
 from service.domain.checksum import Checksum
 from service.domain.errors import UnsupportedMedia, UploadOffsetMismatch
 from service.storage.pieces import Appender, PieceStore
+from service.storage.room import Room
 from service.usecases.resumable_upload import check_beginning
 
 PIECE = "application/offset+octet-stream"
@@ -52,7 +53,9 @@ def has_piece(request: Request) -> bool:
     return False
 
 
-async def append_body(request: Request, pieces: PieceStore, upload: Upload, piece: Piece) -> int:
+async def append_body(
+    request: Request, pieces: PieceStore, upload: Upload, piece: Piece, *, room: Room
+) -> int:
     """Return the new offset, after all bytes of the piece that count are on disk.
 
     Raises
@@ -62,7 +65,8 @@ async def append_body(request: Request, pieces: PieceStore, upload: Upload, piec
     UploadOffsetMismatch
         If the piece does not begin where the stored bytes end.
     UploadTooLarge, UnsupportedMedia, StorageFull
-        If the bytes go past the announced size, are of a wrong kind, or find no room.
+        If the bytes go past the announced size, are of a wrong kind, or find no room beside the reserve; what
+        came before stays.
     UploadInterrupted, ChecksumMismatch
         If the body breaks off, or is not what its checksum says.
     """
@@ -72,15 +76,19 @@ async def append_body(request: Request, pieces: PieceStore, upload: Upload, piec
         require_offset(piece.offset, appender.size_bytes)
         check_beginning(upload, appender)
         refuse_by_length(request, max_bytes=upload.size_bytes - piece.offset)
-        await _take(request, appender, piece.checksum)
+        if piece.offset < upload.size_bytes:  # one that is complete takes no more room
+            copies = 1 if piece.checksum is None else 2
+            await run_in_threadpool(room.require, copies * announced_bytes(request))
+        await _take(request, appender, piece.checksum, room=room)
         check_beginning(upload, appender)
     finally:
         await run_in_threadpool(opened.__exit__, None, None, None)
     return appender.size_bytes
 
 
-async def _take(request: Request, appender: Appender, checksum: Checksum | None) -> None:
+async def _take(request: Request, appender: Appender, checksum: Checksum | None, *, room: Room) -> None:
     def take(batch: bytes) -> None:
+        room.require(len(batch))
         if checksum is None:
             appender.write(batch)
         else:

@@ -30,6 +30,7 @@ from service.domain.errors import (
     OriginNotProven,
     PointerMoved,
     Rejected,
+    StorageFull,
     TooManyStreams,
     TusExtensionNotOffered,
     TusVersionUnsupported,
@@ -66,6 +67,7 @@ STATUSES: Mapping[type[DomainError], int] = {
     TusExtensionNotOffered: 400,
     TusVersionUnsupported: 412,
     Rejected: 422,
+    StorageFull: 507,
     TooManyStreams: 429,
     Unavailable: 503,
 }

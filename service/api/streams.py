@@ -21,6 +21,7 @@ from service.domain.errors import InvalidRequest, UnsupportedMedia, UploadInterr
 from service.domain.headers import check_header
 from service.domain.media import HEAD_BYTES, Media, Purpose, accept
 from service.storage.blobs import BlobStore, StagedFile, Stored
+from service.storage.room import Room
 from service.usecases.answer import IdempotentRequest
 from service.usecases.receive_file import ReceivedFile
 
@@ -103,7 +104,7 @@ def form_identity(
 
 @asynccontextmanager
 async def received_form(
-    request: Request, blobs: BlobStore, *, purpose: Purpose, max_bytes: int
+    request: Request, blobs: BlobStore, *, room: Room, purpose: Purpose, max_bytes: int
 ) -> AsyncIterator[ReceivedForm]:
     """Give the form of a multipart request; its file vanishes at the end of the block unless kept.
 
@@ -112,6 +113,8 @@ async def received_form(
 
     Parameters
     ----------
+    room : Room
+        Where the bytes go; its reserve stays untouched.
     purpose : Purpose
         What the file has to fit.
     max_bytes : int
@@ -130,14 +133,20 @@ async def received_form(
     UploadInterrupted
         If the body ends or stops coming before the form does.
     StorageFull
-        If the disk has no room.
+        If the disk has no room beside its reserve: before a byte is read where the length says so.
     """
     boundary = _boundary(request)
     refuse_by_length(request, max_bytes=max_bytes, overhead_bytes=_FORM_BYTES)
+    await run_in_threadpool(room.require, announced_bytes(request))
     with blobs.stage(max_bytes=max_bytes) as staged:
         form = _FormReader(boundary, staged, purpose)
+
+        def take(batch: bytes) -> None:
+            room.require(len(batch))
+            form.feed(batch)
+
         async for batch in batches(request, silence_s=_SILENCE_S):
-            await run_in_threadpool(form.feed, batch)
+            await run_in_threadpool(take, batch)
         yield form.finish()
 
 
@@ -181,11 +190,17 @@ def refuse_by_length(request: Request, *, max_bytes: int, overhead_bytes: int = 
     UploadTooLarge
         If it is.
     """
-    announced = request.headers.get("content-length", "")
-    if announced.isdecimal() and int(announced) > max_bytes + overhead_bytes:
+    announced = announced_bytes(request)
+    if announced > max_bytes + overhead_bytes:
         raise UploadTooLarge(
             f"The upload has {announced} bytes; at most {max_bytes} are taken.", max_upload_bytes=max_bytes
         )
+
+
+def announced_bytes(request: Request) -> int:
+    """Return the body's Content-Length; 0 where it has none."""
+    announced = request.headers.get("content-length", "")
+    return int(announced) if announced.isdecimal() else 0
 
 
 def clean_name(name: str) -> str:

@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator
 from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 from sqlalchemy import URL, Engine, create_engine, event, make_url
@@ -13,10 +15,15 @@ from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from service import crash_points
-from service.domain.errors import DatabaseBusy
+from service.domain.errors import DatabaseBusy, StorageFull, Unavailable
 from service.domain.plain import plain_dumps, plain_loads, plain_text
 
 _BUSY_TIMEOUT_S = 15.0
+_FULL_RETRY_AFTER_S = 60
+_PG_DISK_FULL = "53100"
+_SQLITE_FAILS_TO_WRITE = {sqlite3.SQLITE_IOERR, sqlite3.SQLITE_CANTOPEN}
+_NEXT_WRITE_BYTES = 1 << 20
+"""Less than this is free where SQLite may find no room for its next page, or 32 KiB of the WAL's index."""
 
 
 def open_engine(url: str | URL) -> Engine:
@@ -109,6 +116,8 @@ class Database:
         ------
         DatabaseBusy
             If the database gave no connection or lock in time.
+        StorageFull
+            If the disk of the database has no room.
         """
         try:
             with Session(self.engine, expire_on_commit=False) as session, session.begin():
@@ -116,7 +125,7 @@ class Database:
                 session.flush()
                 crash_points.reach(f"{point}.before-commit")
         except (OperationalError, PoolTimeout) as error:
-            raise _busy(error) from error
+            raise _unavailable(error, self.engine) from error
         self.writes += 1
         crash_points.reach(f"{point}.after-commit")
 
@@ -136,16 +145,43 @@ class Database:
             ):
                 yield session
         except (OperationalError, PoolTimeout) as error:
-            raise _busy(error) from error
+            raise _unavailable(error, self.engine) from error
 
     def close(self) -> None:
         """Close every connection."""
         self.engine.dispose()
 
 
-def _busy(error: Exception) -> DatabaseBusy:
+def _unavailable(error: Exception, engine: Engine) -> Unavailable:
+    if _tells_full_disk(getattr(error, "orig", None), engine):
+        return StorageFull(
+            "The disk of the server's database is full. Tell an admin; what is asked for works again as soon"
+            " as there is room.",
+            retry_after_s=_FULL_RETRY_AFTER_S,
+        )
     return DatabaseBusy(
         "The database did not answer in time; ask again in a few seconds.",
         retry_after_s=2,
         cause=type(error).__name__,
     )
+
+
+def _tells_full_disk(error: Any, engine: Engine) -> bool:
+    """Return whether the database's own error means a full disk.
+
+    SQLite says so only where `write` does; where it cannot make or map a file beside the database, it says
+    "disk I/O error" or "unable to open", whatever the cause: then the disk itself is looked at.
+    """
+    if getattr(error, "sqlstate", None) == _PG_DISK_FULL:
+        return True
+    code = getattr(error, "sqlite_errorcode", None)
+    if code is None or engine.url.database is None:
+        return False
+    kind = code & 0xFF
+    return kind == sqlite3.SQLITE_FULL or (kind in _SQLITE_FAILS_TO_WRITE and _is_full(engine.url.database))
+
+
+def _is_full(database: str) -> bool:
+    found = os.statvfs(Path(database).parent)
+    has_no_names = found.f_files > 0 and found.f_favail == 0
+    return has_no_names or found.f_bavail * found.f_frsize < _NEXT_WRITE_BYTES

@@ -613,7 +613,13 @@ class DatabaseBusy(Unavailable):
 
 
 class StorageFull(Unavailable):
-    """The server's disk is full; an admin has to make room. Nothing of the upload was kept."""
+    """The server's disk is full, or has less free than is kept in reserve: an admin has to make room.
+
+    Nothing is half stored. Send the same request again after the `Retry-After` seconds; an upload in pieces
+    goes on from its offset. A job that finds no room stays queued with this problem, and is tried again by
+    itself when there is room. What is stored can be looked at and downloaded all the while. `free_bytes` and
+    `reserve_bytes` tell how the disk stood.
+    """
 
     title = "The storage is full"
 

@@ -17,6 +17,15 @@ class Stored:
     size_bytes: int
 
 
+@dataclass(frozen=True)
+class NewBlob:
+    """Hold which file a blob was when it was made, so that a later one of the same name is told apart."""
+
+    sha256: str
+    inode: int
+    made_ns: int
+
+
 class StagedFile(Protocol):
     """A file being written; it becomes a blob by `keep`, or vanishes when its block ends."""
 
@@ -61,6 +70,12 @@ class BlobStore(Protocol):
 
     def exists(self, sha256: str) -> bool:
         """Return whether the blob is there."""
+
+    def noting(self) -> AbstractContextManager[list[NewBlob]]:
+        """Give a list that takes up every blob that the block makes and that was not there before."""
+
+    def discard(self, made: NewBlob) -> None:
+        """Remove a blob again, unless somebody has stored the same bytes since."""
 
     def sweep_staged(self, *, now_s: float, older_than_s: float = 60.0) -> list[Path]:
         """Remove the staged files of dead processes, and return them."""

@@ -10,15 +10,17 @@ import secrets
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 
 from service import crash_points
-from service.domain.errors import ArtifactNotFound, StorageFull, UploadTooLarge
-from service.storage.blobs import Stored
+from service.domain.errors import ArtifactNotFound, UploadTooLarge
+from service.storage.blobs import NewBlob, Stored
+from service.storage.room import full_disk_refused
 
 _CHUNK_BYTES = 1 << 20
-_FULL = {errno.ENOSPC, errno.EDQUOT}
 _HEX = frozenset("0123456789abcdef")
+_noted: ContextVar[list[NewBlob] | None] = ContextVar("noted", default=None)
 
 
 class LocalStagedFile:
@@ -190,10 +192,30 @@ class LocalBlobStore:
                 _sync_folder(self._blobs)
             crash_points.reach("blob.before-rename")
             with self._locked():
+                is_new = not place.exists()
                 os.utime(fd)
                 path.replace(place)
+            _note(fd, stored.sha256, is_new=is_new)
             crash_points.reach("blob.after-rename")
             _sync_folder(place.parent)
+
+    @contextmanager
+    def noting(self) -> Iterator[list[NewBlob]]:
+        """Give a list that takes up every blob that the block makes and that was not there before."""
+        noted: list[NewBlob] = []
+        token = _noted.set(noted)
+        try:
+            yield noted
+        finally:
+            _noted.reset(token)
+
+    def discard(self, made: NewBlob) -> None:
+        """Remove a blob again, unless somebody has stored the same bytes since: then it is another file."""
+        place = self._place(made.sha256)
+        with self._locked(), suppress(FileNotFoundError):
+            found = place.stat()
+            if (found.st_ino, found.st_mtime_ns) == (made.inode, made.made_ns):
+                place.unlink()
 
     def sweep_staged(self, *, now_s: float, older_than_s: float = 60.0) -> list[Path]:
         """Remove what dead processes left under ``tmp/``, and return it.
@@ -257,18 +279,11 @@ class LocalBlobStore:
             os.close(fd)
 
 
-@contextmanager
-def full_disk_refused() -> Iterator[None]:
-    """Turn "no space" and "quota exceeded" of the operating system into `StorageFull`."""
-    try:
-        yield
-    except OSError as error:
-        if error.errno not in _FULL:
-            raise
-        raise StorageFull(
-            "The server's disk is full; nothing of this file was kept. Tell an admin, then send it again.",
-            retry_after_s=60,
-        ) from error
+def _note(fd: int, sha256: str, *, is_new: bool) -> None:
+    noted = _noted.get()
+    if is_new and noted is not None:
+        made = os.fstat(fd)
+        noted.append(NewBlob(sha256, made.st_ino, made.st_mtime_ns))
 
 
 def _bring(path: Path, name: Path, *, keep_source: bool) -> None:

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from service import crash_points
 from service.domain.errors import UploadBusy, UploadExpired, UploadTooLarge
-from service.storage.local import full_disk_refused
+from service.storage.room import full_disk_refused
 
 _ID = re.compile(r"[a-z]+_[0-9a-z]{1,40}")
 _COPY_BYTES = 1 << 20

@@ -55,6 +55,8 @@ def compare(kernel: Kernel, actor: Actor, *, map_id: str, n: int, with_n: int) -
     ------
     MapNotFound, RevisionNotFound, RevisionNotReady, RevisionPruned
         As `ready_revision`, for either revision.
+    StorageFull
+        If there is no room for what its job makes.
     """
     with kernel.db.reading() as session:
         old, new = (ready_revision(session, actor, map_id=map_id, n=k) for k in (with_n, n))
@@ -104,6 +106,7 @@ def _ask(kernel: Kernel, actor: Actor, map_id: str, *, from_id: str, to_id: str)
         find_map(session, map_id, lock=True)
         if find_comparison(session, from_id=from_id, to_id=to_id) is not None:
             return
+        kernel.room.require()
         now, comparison_id = kernel.now(), kernel.new_id("cmp")
         job = enqueue(
             session,

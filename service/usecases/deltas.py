@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+from contextlib import suppress
 from pathlib import Path
 
 from sqlalchemy.orm import Session
@@ -15,7 +16,7 @@ from service.db.maps import find_map
 from service.db.revisions import find_artifact, find_revision
 from service.domain.access import Actor
 from service.domain.dictionary import is_window_taken
-from service.domain.errors import ArtifactNotFound, DeltaNotReady
+from service.domain.errors import ArtifactNotFound, DeltaNotReady, Unavailable
 from service.domain.lifecycle import JobKind, JobState
 from service.storage.blobs import Stored
 from service.usecases.download import CLOUD_PATH, CodedForm, StoredFile
@@ -60,7 +61,14 @@ def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int
 
 
 def ask_for_delta(kernel: Kernel, *, map_id: str, from_sha256: str, to_sha256: str) -> str:
-    """Return the id of the job that makes or made the delta; the first who asks begins it."""
+    """Return the id of the job that makes or made the delta; the first who asks begins it.
+
+    Raises
+    ------
+    StorageFull
+        If there is no room for what it makes.
+    """
+    kernel.room.require()
     with kernel.db.writing("ask-delta") as session:
         find_map(session, map_id, lock=True)
         return _wanted(kernel, session, map_id, from_sha256=from_sha256, to_sha256=to_sha256)
@@ -128,7 +136,8 @@ def dictionary_form(
             return _form(kernel, found)
         known = is_cloud_of(session, map_id, path=CLOUD_PATH, sha256=held_sha256)
     if known:
-        ask_for_delta(kernel, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
+        with suppress(Unavailable):  # the file itself goes out all the same
+            ask_for_delta(kernel, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
     return None
 
 

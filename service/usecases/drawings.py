@@ -109,6 +109,8 @@ def reread_drawing(
         If there is no such drawing for the key.
     InvalidRequest
         As `change`.
+    StorageFull
+        If there is no room for what its job makes.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     drawing, blob, _ = covered_drawing(session, actor, drawing_id=drawing_id)
@@ -118,6 +120,7 @@ def reread_drawing(
     if options.replaces != before.replaces:
         detail = "Which drawing this one replaces is said when it is uploaded, and stays."
         raise InvalidRequest(detail, errors=[{"pointer": "#/replaces", "detail": detail}])
+    kernel.room.require()
     now = kernel.now()
     if not JobState(earlier.state).is_final:
         request_cancel(session, earlier.id, now=now)

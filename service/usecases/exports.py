@@ -44,6 +44,8 @@ def ask_for_export(
         As `ready_revision`.
     ArtifactNotFound
         If the revision has no cloud.
+    StorageFull
+        If it has still to be made, and there is no room.
     """
     covered_map(session, actor, map_id=map_id, lock=True)
     revision = ready_revision(session, actor, map_id=map_id, n=n)
@@ -52,6 +54,7 @@ def ask_for_export(
     found = find_export(session, revision_id=revision.id, kind=kind)
     if found is not None:
         return Asked(found, _job(session, found))
+    kernel.room.require()
     now, export_id = kernel.now(), kernel.new_id("exp")
     job = enqueue(
         session,

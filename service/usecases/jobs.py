@@ -61,10 +61,13 @@ def retry_job(kernel: Kernel, session: Session, actor: Actor, *, job_id: str) ->
         If there is no such job for the key.
     JobNotRetryable
         If the job did not fail and was not cancelled, or it built a revision.
+    StorageFull
+        If there is no room for what it makes.
     """
     actor.require_role(Role.TABLET, Role.ADMIN)
     row = covered_job(session, actor, job_id=job_id)
     before = row.state
+    kernel.room.require()
     job = retry(session, job_id, now=kernel.now())
     _record(kernel, session, actor, job, action="retry-job", before=before)
     return job

@@ -62,6 +62,8 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
         If the scan's reading has not finished.
     RevisionNotFound
         If the map has no such revision.
+    StorageFull
+        If there is no room for what its job makes.
     RevisionNotReady
         If the revision is building or failed, or the map has no ready one.
     InvalidRequest
@@ -75,6 +77,7 @@ def place(kernel: Kernel, session: Session, actor: Actor, *, scan_id: str, wante
             f"The scan {scan_id} has no finished reading; its job is {scan.job_id}.", job_id=scan.job_id
         )
     n = _target(session, actor, scan.map_id, wanted.revision_n)
+    kernel.room.require()
     now = kernel.now()
     placement_id = kernel.new_id("plc")
     job = enqueue(

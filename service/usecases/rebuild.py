@@ -32,6 +32,8 @@ def rebuild(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, n: i
         As `covered_revision`.
     RevisionNotReady
         If it is still building, or failed.
+    StorageFull
+        If there is no room for its files.
     """
     actor.require_role(Role.ADMIN)
     row = covered_revision(session, actor, map_id=map_id, n=n)
@@ -39,6 +41,7 @@ def rebuild(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, n: i
         raise RevisionNotReady(
             f"Revision {n} is {row.status}; its job is {row.job_id}.", status=row.status, job_id=row.job_id
         )
+    kernel.room.require()
     job = enqueue(
         session,
         JobKind.REBUILD_REVISION,

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -15,12 +16,13 @@ from service.db.models import Upload
 from service.domain.access import Actor
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
-from service.domain.errors import FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
+from service.domain.errors import DomainError, FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
 from service.domain.headers import check_header
 from service.domain.lifecycle import Role
 from service.domain.media import HEAD_BYTES, Purpose, accept
 from service.domain.scan_options import SaidOfScan
 from service.storage.pieces import Appender, PieceStore
+from service.usecases.bytes_first import bytes_first
 from service.usecases.kernel import Kernel
 from service.usecases.receive_drawing import receive_drawing
 from service.usecases.receive_file import ReceivedFile, require_receiver
@@ -73,6 +75,8 @@ def begin_upload(
         If the actor may not upload to the map.
     UploadTooLarge, FileEmpty
         If `size_bytes` is over `max_bytes`, or 0.
+    StorageFull
+        If the disk has no room for all of it beside the reserve.
     InvalidRequest
         If the options are wrong.
     """
@@ -84,6 +88,7 @@ def begin_upload(
     if size_bytes == 0:
         raise FileEmpty("The file has no bytes; look at it where it comes from, and upload it again.")
     _options(announced.purpose, announced.options)
+    kernel.room.require(size_bytes)
     now = kernel.now()
     upload = Upload(
         id=kernel.new_id("upl"),
@@ -103,6 +108,20 @@ def begin_upload(
     session.add(upload)
     session.flush()
     return upload
+
+
+@contextmanager
+def begun_whole(kernel: Kernel, pieces: PieceStore) -> Iterator[list[str]]:
+    """Give a list for the ids of uploads that the block begins: without their rows, their files go again."""
+    begun: list[str] = []
+    try:
+        yield begun
+    except BaseException:
+        with suppress(DomainError, OSError), kernel.db.reading() as session:
+            for upload_id in begun:
+                if table.find_upload(session, upload_id) is None:
+                    pieces.remove(upload_id)
+        raise
 
 
 def own_upload(
@@ -168,10 +187,10 @@ def finish_upload(
             if appender.size_bytes != upload.size_bytes:
                 msg = "an upload is finished when all its bytes are there"
                 raise ValueError(msg)
-            file = _store(
-                kernel, upload, head=appender.head(HEAD_BYTES), path=pieces.path(upload_id), bounds=bounds
-            )
-            result = _receive_once(kernel, actor, upload_id=upload_id, file=file)
+            head, path = appender.head(HEAD_BYTES), pieces.path(upload_id)
+            with bytes_first(kernel):
+                file = _store(kernel, upload, head=head, path=path, bounds=bounds)
+                result = _receive_once(kernel, actor, upload_id=upload_id, file=file)
     else:
         result = upload.result
     pieces.remove(upload_id)
@@ -190,14 +209,8 @@ def terminate_upload(kernel: Kernel, session: Session, actor: Actor, *, upload_i
 
 
 def sweep_uploads(kernel: Kernel, pieces: PieceStore) -> list[str]:
-    """Remove the files of uploads that expired or ended, and return their ids.
-
-    The row of an expired upload stays a week longer, so that its sender is told what has become of it.
-    """
+    """Remove the files of uploads that expired or ended, and return their ids; no row is written."""
     now = kernel.now()
-    with kernel.db.writing("sweep-uploads") as session:
-        for upload in table.expired_uploads(session, before=now - _REMEMBERED):
-            session.delete(upload)
 
     def is_wanted(upload_id: str) -> bool:
         with kernel.db.reading() as session:
@@ -205,6 +218,13 @@ def sweep_uploads(kernel: Kernel, pieces: PieceStore) -> list[str]:
             return upload is not None and upload.result is None and upload.expires_at > now
 
     return pieces.sweep(is_wanted, now_s=now.timestamp())
+
+
+def forget_uploads(kernel: Kernel) -> None:
+    """Forget uploads a week after they expired: until then their senders are told what became of them."""
+    with kernel.db.writing("sweep-uploads") as session:
+        for upload in table.expired_uploads(session, before=kernel.now() - _REMEMBERED):
+            session.delete(upload)
 
 
 def _store(kernel: Kernel, upload: Upload, *, head: bytes, path: Path, bounds: Bounds) -> ReceivedFile:

@@ -110,6 +110,8 @@ def revise(kernel: Kernel, session: Session, actor: Actor, *, map_id: str, wante
         If the base has failed.
     DrawingNotRead
         If the drawing's reading has not finished.
+    StorageFull
+        If there is no room for what its job makes.
     ScaleUnknown
         If the drawing's scale is not known.
     PlacementNotAcceptable
@@ -231,6 +233,7 @@ def _add(kernel: Kernel, session: Session, actor: Actor, made: _Made, *, rebased
     """Return the new revision's rows and job, of a map that this transaction holds."""
     now, state = kernel.now(), made.state
     assert state.reading is not None
+    kernel.room.require()
     revision_id = kernel.new_id("rev")
     job = enqueue(
         session,

@@ -44,6 +44,7 @@ class Stats:
     latest_revisions: Sequence[Revision]
     stored_bytes: int
     free_bytes: int
+    is_storage_full: bool
 
 
 @dataclass(frozen=True)
@@ -115,6 +116,7 @@ class Figures:
             latest_revisions=latest_revisions(session, limit=_LATEST),
             stored_bytes=self._bytes.ask(session),
             free_bytes=self._kernel.blobs.free_bytes(),
+            is_storage_full=self._kernel.room.refusal() is not None,
         )
 
 

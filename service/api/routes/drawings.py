@@ -20,6 +20,7 @@ from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received
 from service.domain.drawing_options import DrawingOptions
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once
+from service.usecases.bytes_first import bytes_first
 from service.usecases.drawings import covered_drawing, drawing_file, list_drawings, reread_drawing
 from service.usecases.receive_drawing import receive_drawing
 from service.usecases.receive_file import require_receiver
@@ -71,11 +72,19 @@ async def upload_drawing(
         with kernel.db.reading() as session:
             require_receiver(session, actor, map_id)
 
+    def receive_or_undo(form: ReceivedForm) -> Answered:
+        with bytes_first(kernel):
+            return receive(form)
+
     await run_in_threadpool(check)
     async with received_form(
-        request, kernel.blobs, purpose=Purpose.DRAWING, max_bytes=limits.max_upload_bytes
+        request,
+        kernel.blobs,
+        room=kernel.room,
+        purpose=Purpose.DRAWING,
+        max_bytes=limits.max_upload_bytes,
     ) as form:
-        return respond(await run_in_threadpool(receive, form))
+        return respond(await run_in_threadpool(receive_or_undo, form))
 
 
 @router.get("/v1/maps/{map_id}/drawings", response_model=Page[DrawingOut])

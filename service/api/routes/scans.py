@@ -18,6 +18,7 @@ from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
 from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once
+from service.usecases.bytes_first import bytes_first
 from service.usecases.receive_file import require_receiver
 from service.usecases.receive_scan import receive_scan
 from service.usecases.scans import covered_scan, list_scans, scan_file
@@ -66,11 +67,19 @@ async def upload_scan(
         with kernel.db.reading() as session:
             require_receiver(session, actor, map_id)
 
+    def receive_or_undo(form: ReceivedForm) -> Answered:
+        with bytes_first(kernel):
+            return receive(form)
+
     await run_in_threadpool(check)
     async with received_form(
-        request, kernel.blobs, purpose=Purpose.SCAN, max_bytes=limits.max_upload_bytes
+        request,
+        kernel.blobs,
+        room=kernel.room,
+        purpose=Purpose.SCAN,
+        max_bytes=limits.max_upload_bytes,
     ) as form:
-        return respond(await run_in_threadpool(receive, form))
+        return respond(await run_in_threadpool(receive_or_undo, form))
 
 
 @router.get("/v1/maps/{map_id}/scans", response_model=Page[ScanOut])

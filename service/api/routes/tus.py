@@ -32,6 +32,7 @@ from service.domain.checksum import ALGORITHMS, Checksum
 from service.domain.errors import (
     DomainError,
     Rejected,
+    StorageFull,
     TusVersionUnsupported,
     UnsupportedMedia,
     UploadBusy,
@@ -42,6 +43,7 @@ from service.usecases.kernel import Kernel
 from service.usecases.resumable_upload import (
     Announced,
     begin_upload,
+    begun_whole,
     finish_upload,
     own_upload,
     terminate_upload,
@@ -226,7 +228,7 @@ def find_offset(desk: Desk, upload_id: str) -> Response:
     if metadata := upload.meta.get("metadata"):
         headers["Upload-Metadata"] = metadata
     if offset == upload.size_bytes:
-        with suppress(UploadBusy, Rejected):
+        with suppress(UploadBusy, Rejected, StorageFull):
             headers |= _finish(desk, upload)
     return _at(offset, upload, headers)
 
@@ -246,7 +248,7 @@ async def append_piece(
     upload = await run_in_threadpool(_find, desk, upload_id)
     offset = upload.size_bytes
     if upload.result is None:
-        offset = await append_body(request, desk.pieces, upload, piece)
+        offset = await append_body(request, desk.pieces, upload, piece, room=desk.kernel.room)
     else:
         require_offset(piece.offset, offset)
         refuse_by_length(request, max_bytes=0)
@@ -294,17 +296,19 @@ def _begin(request: Request, desk: _Desk, creation: _Creation) -> Answered:
             max_bytes=desk.limits.max_upload_bytes,
             expiry_s=desk.limits.upload_expiry_s,
         )
+        begun.append(upload.id)
         location = f"{problems.base_url_of(request)}{router.prefix}/{upload.id}"
         return Answered(201, {"Location": location, **_expiry(upload)})
 
-    return answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
+    with begun_whole(desk.kernel, desk.pieces) as begun:
+        return answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
 
 
 async def _take_first(request: Request, desk: _Desk, upload: Upload, piece: Piece) -> dict[str, str]:
     """Return what is told of the piece that came with the creation; of a repeated one, what is stored."""
     offset = await run_in_threadpool(_offset, desk, upload)
     if offset == 0:
-        offset = await append_body(request, desk.pieces, upload, piece)
+        offset = await append_body(request, desk.pieces, upload, piece, room=desk.kernel.room)
     finished = await run_in_threadpool(_finished, desk, upload, offset)
     return {"Upload-Offset": str(offset), **finished}
 

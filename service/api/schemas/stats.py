@@ -31,6 +31,9 @@ class StatsOut(Output):
     latest_revisions: list[LatestRevision]
     stored_bytes: int = Field(description="Bytes of all files that are in use, each counted once.")
     free_bytes: int = Field(description="Bytes for which the disk has room.")
+    is_storage_full: bool = Field(
+        description="Whether so little is free that uploads and jobs are refused with `storage-full`."
+    )
 
     @classmethod
     def of(cls, found: Stats) -> Self:
@@ -42,6 +45,7 @@ class StatsOut(Output):
             latest_revisions=[LatestRevision.model_validate(row) for row in found.latest_revisions],
             stored_bytes=found.stored_bytes,
             free_bytes=found.free_bytes,
+            is_storage_full=found.is_storage_full,
         )
 
 
@@ -68,7 +72,10 @@ class HealthOut(Output):
 
 
 class ReadyOut(Output):
-    """Everything that the service needs is there; `checks` names what was looked at."""
+    """The service answers; `checks` names what was looked at.
+
+    Each is `ok`; `storage` begins with `storage-full` while uploads and jobs wait for room.
+    """
 
     status: str = "ok"
     checks: dict[str, str]

@@ -1,0 +1,126 @@
+"""How much room there is where an installation writes, and refusals before it is used up."""
+
+from __future__ import annotations
+
+import errno
+import shutil
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+from service.domain.errors import StorageFull
+from service.domain.reserve import reserve_of
+
+RETRY_AFTER_S = 60
+"""When a refused sender may ask again [s]: making room is a person's work."""
+
+_FULL = {errno.ENOSPC, errno.EDQUOT}
+
+
+@dataclass(frozen=True)
+class Space:
+    """Hold how one file system stands.
+
+    Parameters
+    ----------
+    name : str
+        What lies on it: ``data`` or ``database``.
+    free_bytes, reserve_bytes : int
+        What is free, and how much of it is kept in reserve.
+    """
+
+    name: str
+    free_bytes: int
+    reserve_bytes: int
+
+    @property
+    def is_full(self) -> bool:
+        """Return whether less is free than is kept in reserve."""
+        return self.free_bytes < self.reserve_bytes
+
+    def refusal(self, more_bytes: int = 0) -> StorageFull:
+        """Return the refusal of what would use up the reserve by `more_bytes` of files."""
+        needed = f" and {more_bytes} are needed" if more_bytes else ""
+        return StorageFull(
+            f"The server's disk is full ({self.name}): {self.free_bytes} bytes are free, "
+            f"{self.reserve_bytes} stay in reserve{needed}. Tell an admin; what is asked for works again"
+            " as soon as there is room.",
+            retry_after_s=RETRY_AFTER_S,
+            free_bytes=self.free_bytes,
+            reserve_bytes=self.reserve_bytes,
+        )
+
+
+class Room:
+    """Look at the file systems on which an installation writes.
+
+    Parameters
+    ----------
+    folders : mapping of str to Path
+        What lies where; the first takes the files. Folders of one file system are looked at as one.
+    reserve_bytes : int, optional
+        What is kept free on each; by default as `reserve_of` has it.
+    """
+
+    def __init__(self, folders: Mapping[str, Path], *, reserve_bytes: int | None = None) -> None:
+        self._folders = dict(folders)
+        self._reserve_bytes = reserve_bytes
+
+    def spaces(self) -> list[Space]:
+        """Return how each file system stands; one that is not there yet is left out."""
+        seen: dict[int, Space] = {}
+        for name, folder in self._folders.items():
+            if folder.is_dir() and (device := folder.stat().st_dev) not in seen:
+                usage = shutil.disk_usage(folder)
+                kept = reserve_of(usage.total) if self._reserve_bytes is None else self._reserve_bytes
+                seen[device] = Space(name, usage.free, kept)
+        return list(seen.values())
+
+    def refusal(self, more_bytes: int = 0) -> StorageFull | None:
+        """Return why nothing more may be begun, or `more_bytes` not be taken; None while there is room."""
+        for space in self.spaces():
+            left = Space(space.name, space.free_bytes - more_bytes, space.reserve_bytes)
+            if left.is_full:
+                return space.refusal(more_bytes)
+            more_bytes = 0
+        return None
+
+    def require(self, more_bytes: int = 0) -> None:
+        """Pass while the reserve stays untouched, also by `more_bytes` of files.
+
+        Raises
+        ------
+        StorageFull
+            If it does not.
+        """
+        if (refusal := self.refusal(more_bytes)) is not None:
+            raise refusal
+
+
+def tells_full_disk(error: BaseException | None) -> bool:
+    """Return whether an error, or one that it comes from, says that a disk or a quota is full."""
+    while error is not None:
+        if isinstance(error, StorageFull) or (isinstance(error, OSError) and error.errno in _FULL):
+            return True
+        error = error.__cause__ or error.__context__
+    return False
+
+
+def found_full() -> StorageFull:
+    """Return the refusal of work that found no room for its next byte."""
+    return StorageFull(
+        "The server's disk is full. Tell an admin; what is asked for works again as soon as there is room.",
+        retry_after_s=RETRY_AFTER_S,
+    )
+
+
+@contextmanager
+def full_disk_refused() -> Iterator[None]:
+    """Turn "no space" and "quota exceeded" of the operating system into `StorageFull`."""
+    try:
+        yield
+    except OSError as error:
+        if error.errno not in _FULL:
+            raise
+        raise found_full() from error
