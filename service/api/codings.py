@@ -29,6 +29,18 @@ def takes(header: str | None, coding: str) -> bool:
     return weight > 0.0 and weight >= weights.get("identity", 0.0)
 
 
+def takes_bare(header: str | None) -> bool:
+    """Return whether `Accept-Encoding` lets the bare file be sent: only a weight of 0 forbids it.
+
+    Examples
+    --------
+    >>> takes_bare("zstd"), takes_bare("zstd, *;q=0"), takes_bare("identity;q=0")
+    (True, False, False)
+    """
+    weights = _weights(header or "")
+    return weights.get("identity", weights.get("*", 1.0)) > 0.0
+
+
 def dictionary_of(header: str | None) -> str | None:
     """Return the SHA-256 (hex) that `Available-Dictionary` names, a byte sequence of RFC 9651, or None."""
     value = (header or "").strip()

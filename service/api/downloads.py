@@ -12,9 +12,9 @@ import anyio
 from fastapi import HTTPException, Request
 from fastapi.responses import Response, StreamingResponse
 
-from service.api.codings import takes
+from service.api.codings import takes, takes_bare
 from service.api.conditions import listed, match, none_match, one_range, range_applies
-from service.domain.errors import FileIsAnother
+from service.domain.errors import CodingNotOffered, FileIsAnother
 from service.usecases.download import CodedForm, StoredFile
 
 _CHUNK_BYTES = 512 * 1024
@@ -77,6 +77,8 @@ def send_file(
 
     Raises
     ------
+    CodingNotOffered
+        If `Accept-Encoding` forbids the bare file, and there is no other form.
     FileIsAnother
         If `If-Match` names neither the file nor the form of it that is due.
     HTTPException
@@ -105,10 +107,16 @@ def send_file(
 
 
 def _chosen_form(request: Request, file: StoredFile) -> CodedForm | None:
-    if "range" in request.headers:
-        return None
-    accepted = request.headers.get("accept-encoding")
-    return next((form for form in file.forms if takes(accepted, form.coding)), None)
+    accepted = listed(request, "accept-encoding")
+    forms = () if "range" in request.headers else file.forms
+    chosen = next((form for form in forms if takes(accepted, form.coding)), None)
+    if chosen is None and not takes_bare(accepted):
+        offered = [*(form.coding for form in forms), "identity"]
+        raise CodingNotOffered(
+            f"Accept-Encoding takes none of {', '.join(offered)}, and there is no other form of this file.",
+            offered=offered,
+        )
+    return chosen
 
 
 def _send_coded(request: Request, form: CodedForm, headers: dict[str, str]) -> Response:

@@ -17,8 +17,10 @@ from starlette.responses import Response
 from starlette.routing import Match
 
 from service.domain.errors import (
+    BodyNotTaken,
     ChecksumMismatch,
     ChecksumUnsupported,
+    CodingNotOffered,
     Conflict,
     DatabaseBusy,
     DomainError,
@@ -55,11 +57,13 @@ STATUSES: Mapping[type[DomainError], int] = {
     OriginNotProven: 403,
     NotFound: 404,
     UploadExpired: 410,
+    CodingNotOffered: 406,
     UploadBusy: 423,
     FileIsAnother: 412,
     PointerMoved: 412,
     Conflict: 409,
     UploadTooLarge: 413,
+    BodyNotTaken: 415,
     UnsupportedMedia: 415,
     UploadInterrupted: 408,
     ChecksumMismatch: 460,
@@ -155,12 +159,22 @@ async def _on_refusal(request: Request, error: Exception) -> Response:
 
 async def _on_invalid(request: Request, error: Exception) -> Response:
     assert isinstance(error, RequestValidationError)
+    if isinstance(error.body, bytes) and error.body:  # FastAPI leaves what is said to be no JSON as it is
+        return answer(_not_json(request), base_url=base_url_of(request))
     places = [_place(found) for found in error.errors()]
     first = places[0]
     detail = f"{first.get('pointer') or first.get('parameter') or first.get('header')}: {first['detail']}"
     if len(places) > 1:
         detail += f" ({len(places) - 1} more in errors)"
     return answer(InvalidRequest(detail, errors=places), base_url=base_url_of(request))
+
+
+def _not_json(request: Request) -> BodyNotTaken:
+    given = request.headers.get("content-type")
+    said = "has no Content-Type" if given is None else f"is said to be {given[:100]!r}"
+    return BodyNotTaken(
+        f"The body {said}; {request.url.path} takes application/json.", content_type="application/json"
+    )
 
 
 def _place(found: Mapping[str, Any]) -> dict[str, str]:

@@ -388,6 +388,24 @@ class UnsupportedMedia(Rejected):
     title = "This kind of file is not read"
 
 
+class BodyNotTaken(Rejected):
+    """The body is not of the kind that this address takes: `content_type` names what it is to be.
+
+    Say it in the header `Content-Type`, and send the body accordingly.
+    """
+
+    title = "This kind of body is not taken"
+
+
+class CodingNotOffered(Rejected):
+    """`Accept-Encoding` forbids every form in which the file can be sent: `offered` lists them.
+
+    `identity` is the bare file, which alone can be sent in parts.
+    """
+
+    title = "The file cannot be sent in a coding that is accepted"
+
+
 class UploadTooLarge(Rejected):
     """The upload is larger than this server takes; `max_upload_bytes` tells how much it takes."""
 

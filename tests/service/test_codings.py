@@ -12,7 +12,7 @@ from backports import zstd
 
 from service.api.codings import dictionary_of, takes
 from tests.server import ClientFor
-from tests.service.asking import a_map, ok
+from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import CLOUD, ByHand
 
 CODED = zstd.compress(CLOUD)
@@ -81,6 +81,20 @@ def test_who_does_not_gets_the_bare_file(cloud: Cloud, accept: str | None) -> No
     assert answer.headers["etag"] == tag(CLOUD)
     assert answer.headers["repr-digest"] == answer.headers["unencoded-digest"] == digest(CLOUD)
     assert "Accept-Encoding" in answer.headers["vary"]
+
+
+@pytest.mark.parametrize("accept", ["identity;q=0", "*;q=0", "gzip, *;q=0", "zstd;q=0, identity;q=0"])
+def test_who_takes_no_form_is_told_what_there_is(cloud: Cloud, accept: str) -> None:
+    for held in ({}, {"If_None_Match": tag(CLOUD)}, {"If_Match": '"x"'}):
+        problem = refused(cloud.get(accept, **held), 406, "coding-not-offered")
+        assert problem["offered"] == ["zstd", "identity"]
+    assert cloud.robot.head(cloud.path, headers={"Accept-Encoding": accept}).status_code == 406
+
+
+def test_a_part_of_a_file_is_never_coded(cloud: Cloud) -> None:
+    problem = refused(cloud.get("zstd, identity;q=0", Range="bytes=0-9"), 406, "coding-not-offered")
+    assert problem["offered"] == ["identity"]
+    assert cloud.get("zstd, identity;q=0").content == CODED
 
 
 def test_only_the_bare_file_has_ranges(cloud: Cloud) -> None:

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import html
 import json
+import re
 
 import httpx
 import pytest
@@ -12,6 +13,7 @@ from service.api.problems import STATUSES, leaves, status_of
 from service.domain.errors import DomainError, Unfulfilled
 from tests.server import Server
 from tests.service.asking import ok, refused
+from tests.service.snapshot import SNAPSHOT
 
 
 def test_every_refusal_has_a_page(server: Server) -> None:
@@ -65,6 +67,34 @@ def test_a_large_body_is_refused(server: Server, admin: httpx.Client) -> None:
     assert answer.headers["x-request-id"]
     chunks = (b"[" * 1000 for _ in range(2000))
     refused(server.client(server.admin_key).post("/v1/maps", content=chunks), 413, "upload-too-large")
+
+
+def _of_json() -> list[tuple[str, str]]:
+    """Return method and path of every operation that takes JSON and nothing else."""
+    paths = json.loads(SNAPSHOT.read_text(encoding="utf-8"))["paths"]
+    return [
+        (method.upper(), re.sub(r"\{n\}", "1", re.sub(r"\{(?!n\})\w+\}", "none", path)))
+        for path, methods in paths.items()
+        for method, operation in methods.items()
+        if list(operation.get("requestBody", {}).get("content", {})) == ["application/json"]
+    ]
+
+
+@pytest.mark.parametrize("kind", ["text/plain", "application/x-www-form-urlencoded", "text/json", None])
+def test_a_body_that_is_no_json_is_told_so(admin: httpx.Client, kind: str | None) -> None:
+    asked = _of_json()
+    assert len(asked) >= 15
+    for method, path in asked:
+        headers = {"X-Groundplan-Session": "1"} | ({} if kind is None else {"Content-Type": kind})
+        answer = admin.request(method, path, content=b'{"site": "a"}', headers=headers)
+        assert refused(answer, 415, "body-not-taken")["content_type"] == "application/json", path
+
+
+def test_json_by_another_name_is_json(admin: httpx.Client) -> None:
+    for kind in ("application/json; charset=utf-8", "Application/JSON", "application/vnd.plant+json"):
+        answer = admin.post("/v1/maps", content=b"{}", headers={"Content-Type": kind})
+        refused(answer, 422, "invalid-request")
+    refused(admin.post("/v1/maps"), 422, "invalid-request")
 
 
 def test_deeply_nested_json_is_refused(admin: httpx.Client) -> None:
