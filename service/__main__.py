@@ -85,6 +85,8 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
     kernel = open_kernel(settings)
     try:
         app = create_app(settings, kernel=kernel)
+        if settings.metrics_port is not None:
+            app.state.metrics.serve(settings.metrics_host, settings.metrics_port)
         first = create_first_key(kernel)
         if first is not None:
             _say(f"First admin key, shown this once: {first.secret}")

@@ -40,6 +40,17 @@ class Settings(BaseSettings):
     )
     tls_key: Path | None = Field(None, description="PEM file of the certificate's private key.")
 
+    metrics_host: str = Field("127.0.0.1", description="Address on which metrics have a port of their own.")
+    metrics_port: int | None = Field(
+        None,
+        ge=0,
+        le=65535,
+        description="Port on which the service gives its metrics besides; by default none.",
+    )
+    worker_metrics_port: int | None = Field(
+        None, ge=0, le=65535, description="Port on which the worker gives its metrics; by default none."
+    )
+
     hsts_s: int = Field(
         31_536_000,
         ge=0,

@@ -19,6 +19,7 @@ from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.room import Room
 from service.usecases.kernel import Kernel
+from worker.figures import Figures
 from worker.runner import NoChild, Runner, Terms
 
 
@@ -50,7 +51,10 @@ def main() -> int:
         limits=limits,
     )
     delivery = open_delivery(kernel.db, now=kernel.now, poll_s=settings.poll_s, name=name)
-    runner = Runner(kernel, delivery, terms=terms)
+    figures = Figures()
+    if settings.worker_metrics_port is not None:
+        figures.serve(settings.metrics_host, settings.worker_metrics_port)
+    runner = Runner(kernel, delivery, terms=terms, figures=figures)
     signal.signal(signal.SIGTERM, runner.stop)
     signal.signal(signal.SIGINT, runner.stop)
     structlog.get_logger(__name__).info("the worker started", worker=name)

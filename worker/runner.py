@@ -24,6 +24,7 @@ from service.db.jobs import Attempt, LeaseLost
 from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut, ReaderCrashed
 from service.domain.reading_cost import JobLimits, ReadingLimits
 from service.usecases.kernel import Kernel
+from worker.figures import Figures
 from worker.process import WarmChild
 
 _READY_TIMEOUT_S = 120.0
@@ -68,6 +69,14 @@ class _Watch:
     is_broken_off: bool = False
     reading: ReadingLimits | None = None
 
+    def outcome(self) -> str:
+        """Return how the attempt ended, in a word."""
+        if self.is_broken_off:
+            return "broken-off"
+        if self.last_word is None:
+            return "died"
+        return "failed" if self.last_word["message"] == "failed" else "done"
+
     def pause_s(self, beat_s: float) -> float:
         """Return the seconds between two beats: none at the job's first word, few while it speaks."""
         if self.is_recorded:
@@ -88,12 +97,15 @@ class Runner:
         Tells that a job may be due.
     terms : Terms
         How to work.
+    figures : Figures
+        Where attempts are counted.
     """
 
-    def __init__(self, kernel: Kernel, delivery: Delivery, *, terms: Terms) -> None:
+    def __init__(self, kernel: Kernel, delivery: Delivery, *, terms: Terms, figures: Figures) -> None:
         self._kernel = kernel
         self._delivery = delivery
         self._terms = terms
+        self._figures = figures
         self._stopping = threading.Event()
         self._stop_by = float("inf")
         self._child: WarmChild | None = None
@@ -173,6 +185,7 @@ class Runner:
         workdir.mkdir()
         now = time.monotonic()
         watch = _Watch(attempt, child, started_at=now, beaten_at=now)
+        self._figures.begin()
         try:
             child.hand_over(attempt, workdir=workdir, limits=self._terms.limits)
             while child.is_working:
@@ -183,13 +196,11 @@ class Runner:
             if child.is_working:
                 child.end()
             shutil.rmtree(workdir, ignore_errors=True)
+            took = {"seconds": time.monotonic() - watch.started_at, "cpu_s": child.cpu_s}
+            self._figures.end(str(attempt.kind), watch.outcome(), **took, peak_bytes=child.peak_bytes)
         self._settle(watch)
-        bound.info(
-            "job ended",
-            seconds=round(time.monotonic() - watch.started_at, 3),
-            cpu_s=round(child.cpu_s, 3),
-            peak_mib=child.peak_bytes >> 20,
-        )
+        told = {name: round(value, 3) for name, value in took.items()}
+        bound.info("job ended", **told, peak_mib=child.peak_bytes >> 20)
 
     def _listen(self, watch: _Watch) -> None:
         """Take what the job says."""

@@ -31,6 +31,7 @@ PROCESSES = ("migrate", "service", "worker")
 DATA_DIR = "/var/lib/groundplan"
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - inside a container
 VARIABLE = re.compile(r"\$\{(\w+):-([^}]*)\}")
+METRICS_PORTS = ("9464", "9465")
 START_S = 60.0
 STOPPED = (0, -signal.SIGTERM)  # uvicorn ends its answers, then passes the signal on to itself
 EXTRA = ("scipy", "open3d", "numba", "cv2", "skimage", "PIL", "plyfile", "pypcd4", "shapely", "lzf")
@@ -55,6 +56,8 @@ def _native(text: str, *, url: str, data_dir: Path, port: int) -> str:
     text = VARIABLE.sub(r"\2", text)
     if text.startswith("postgresql+psycopg://"):
         return url
+    if text in METRICS_PORTS:
+        return "0"  # several processes of a kind share this machine's ports
     return text.replace(DATA_DIR, str(data_dir)).replace(EVERYWHERE, "127.0.0.1").replace("8000", str(port))
 
 

@@ -5,8 +5,11 @@ from __future__ import annotations
 import base64
 import hashlib
 import secrets
+import socket
+import ssl
 from collections.abc import Iterator
 from pathlib import Path
+from urllib.parse import urlsplit
 
 import httpx
 import pytest
@@ -162,3 +165,34 @@ def test_nginx_says_to_browsers_on_its_own_answers_what_the_service_says(
     assert answer.status_code == 502
     assert answer.headers["x-content-type-options"] == "nosniff"
     assert answer.headers["content-security-policy"] == "default-src 'none'; frame-ancestors 'none'"
+
+
+@pytest.mark.parametrize(
+    "path",
+    [
+        "/metrics",
+        "/metrics/",
+        "/metrics?x",
+        "//metrics",
+        "/./metrics",
+        "/v1/../metrics",
+        "/%6detrics",
+        "/metric%73",
+        "/%2e/metrics",
+        "/v1/maps/..%2f..%2fmetrics",
+    ],
+)
+def test_the_front_gives_no_metrics(fronts: tuple[Server, Front], path: str) -> None:
+    bare, front = fronts
+    assert "groundplan_jobs" in httpx.get(f"{bare.url}/metrics").text
+    where = urlsplit(front.url)
+    trusted = ssl.create_default_context(cafile=str(front.certificate))
+    for method in ("GET", "HEAD", "POST"):
+        with trusted.wrap_socket(
+            socket.create_connection((where.hostname, where.port)), server_hostname="localhost"
+        ) as connection:
+            lines = (f"{method} {path} HTTP/1.1", "Host: x", "Content-Length: 0", "Connection: close", "", "")
+            connection.sendall("\r\n".join(lines).encode())
+            answer = b"".join(iter(lambda: connection.recv(65536), b""))
+        assert answer.startswith(b"HTTP/1.1 404"), answer
+        assert b"groundplan_" not in answer
