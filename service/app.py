@@ -22,6 +22,7 @@ from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
 from service.api.live import Broadcast
+from service.api.methods import Heads
 from service.api.metrics import Metrics
 from service.api.polling import Polling
 from service.api.polls import Polls
@@ -105,7 +106,7 @@ class Application(FastAPI):
 
     def build_middleware_stack(self) -> ASGIApp:
         """Return what answers a request."""
-        edge = Edge(super().build_middleware_stack(), metrics=self.state.metrics)
+        edge = Edge(Heads(super().build_middleware_stack()), metrics=self.state.metrics)
         return Polls(edge, polling=self.state.polling, metrics=self.state.metrics)
 
 

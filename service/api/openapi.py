@@ -38,12 +38,22 @@ def install(app: FastAPI) -> None:
 
 def _corrected(schema: dict[str, Any]) -> dict[str, Any]:
     for path in schema["paths"].values():
-        for operation in path.values():
+        for method, operation in path.items():
             responses = operation["responses"]
             responses.pop("422", None)
+            for body in operation.get("requestBody", {}).get("content", {}).values():
+                body["schema"] = _without_null(body["schema"])
             for name, response in responses.items():
                 if name == "default" and "content" in response:
                     response["content"] = {MEDIA_TYPE: next(iter(response["content"].values()))}
+                if method == "head":
+                    response.pop("content", None)
     for unused in ("HTTPValidationError", "ValidationError"):
         schema["components"]["schemas"].pop(unused, None)
     return schema
+
+
+def _without_null(schema: dict[str, Any]) -> dict[str, Any]:
+    """Return the schema of a body that may be left out; generated clients fail where it may be null, too."""
+    kinds = [kind for kind in schema.get("anyOf", []) if kind.get("type") != "null"]
+    return kinds[0] if len(kinds) == 1 else schema

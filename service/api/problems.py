@@ -6,6 +6,7 @@ import html
 import inspect
 import re
 from collections.abc import Iterator, Mapping
+from http import HTTPStatus
 from typing import Any
 
 import structlog
@@ -14,8 +15,8 @@ from fastapi.exceptions import RequestValidationError
 from fastapi.responses import HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
-from starlette.routing import Match
 
+from service.api.methods import methods_at
 from service.domain.errors import (
     BodyNotTaken,
     ChecksumMismatch,
@@ -206,26 +207,14 @@ async def _on_http(request: Request, error: Exception) -> Response:
     }.get(error.status_code, str(error.detail))
     headers = dict(error.headers or {})
     if error.status_code == 405:
-        headers["Allow"] = ", ".join(sorted(_methods_at(request)))
-    titles = {404: "Not Found", 405: "Method Not Allowed"}
+        headers["Allow"] = ", ".join(sorted(methods_at(request)))
     body = {
         "type": "about:blank",
-        "title": titles.get(error.status_code, str(error.detail)),
+        "title": HTTPStatus(error.status_code).phrase,
         "status": error.status_code,
         "detail": sentence,
     }
     return _problem(body, status=error.status_code, headers=headers)
-
-
-def _methods_at(request: Request) -> set[str]:
-    """Return every method that some route takes at the path: one route alone knows only its own."""
-    methods: set[str] = set()
-    for router in request.app.state.routers:
-        for route in router.routes:
-            match, _ = route.matches(request.scope)
-            if match is not Match.NONE:
-                methods |= getattr(route, "methods", None) or set()
-    return methods
 
 
 async def _on_defect(request: Request, error: Exception) -> Response:

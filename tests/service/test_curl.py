@@ -139,9 +139,13 @@ TABLE: dict[str, Row] = {
     "a method that is none here": (
         '-H "$ADMIN" -X DELETE $SERVER/v1/maps',
         405,
-        {**REFUSED, "allow": "GET, POST"},
+        {**REFUSED, "allow": "GET, HEAD, POST"},
     ),
-    "a method of one's own": ('-H "$ADMIN" -X BREW $SERVER/v1/maps', 405, {**REFUSED, "allow": "GET, POST"}),
+    "a method of one's own": (
+        '-H "$ADMIN" -X BREW $SERVER/v1/maps',
+        405,
+        {**REFUSED, "allow": "GET, HEAD, POST"},
+    ),
     "a body of no JSON": ("-H \"$ADMIN\" $SERVER/v1/maps --json '{'", 422, dict(REFUSED)),
     "a body with an unknown field": (
         '-H "$ADMIN" $SERVER/v1/maps --json \'{"site": "a", "name": "b", "x": 1}\'',
@@ -209,6 +213,7 @@ TABLE: dict[str, Row] = {
         404,
         {"content-type": A_PROBLEM},
     ),
+    "the head of a list": ('-I -H "$ADMIN" $SERVER/v1/maps', 200, {"content-type": "application/json"}),
     "how it is": ("$SERVER/healthz", 200, {}),
     "the document": ("$SERVER/openapi.json", 200, {"content-type": "application/json"}),
     "the page of a problem": ("$SERVER/problems/map-not-found", 200, {"content-type": "text/html.*"}),

@@ -3,19 +3,22 @@
 from __future__ import annotations
 
 import importlib
+import inspect
 import json
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from functools import partial
 from pathlib import Path
 from types import ModuleType
 from typing import Any
 
+import httpx
 import pytest
 
 from tests.server import ROOT, Server
+from tests.service.asking import a_map, a_ready_revision
 from tests.service.by_hand import ByHand
 from tests.service.snapshot import SNAPSHOT
 
@@ -114,3 +117,41 @@ def test_the_generated_client_works(generated: Path, server: Server, by_hand: By
         part = models.LayerPartIn.from_dict({"points": "all", "exclude": [{"within": corner}]})
         accepted = call["accept"](asked.placement.id, body=models.AcceptIn(part=part))
         assert (accepted.revision.n, accepted.revision.map_id) == (2, made.id)
+
+
+def _arguments(call: Callable[..., Any]) -> list[Any] | None:
+    """Return ids of nothing for an operation's path; None where it needs more than these."""
+    given = []
+    for name, parameter in inspect.signature(call).parameters.items():
+        if parameter.kind is parameter.POSITIONAL_OR_KEYWORD:
+            given.append(1 if parameter.annotation in (int, "int") else "none")
+        elif parameter.default is parameter.empty and name != "client":
+            return None
+    return given
+
+
+def test_every_operation_that_needs_no_body_is_called_and_its_answer_understood(
+    generated: Path, server: Server, admin: httpx.Client, by_hand: ByHand
+) -> None:
+    a_ready_revision(admin, by_hand, a_map(admin))
+    told = {"base_url": server.url, "token": server.admin_key, "raise_on_unexpected_status": True}
+    called, found = set(), set()
+    with importlib.import_module("plant").AuthenticatedClient(**told) as client:
+        for name, module in _modules(generated).items():
+            given = _arguments(module.sync_detailed)
+            if given is None or _is_stream(OPERATIONS[name]) or not _speaks_json(OPERATIONS[name]):
+                continue
+            answer = module.sync_detailed(*given, client=client)
+            assert answer.parsed is not None, (name, answer.status_code, answer.content[:200])
+            assert type(answer.parsed).__name__ == "Problem" or answer.status_code < 300, name
+            called.add(name)
+            found |= {name} if answer.status_code < 300 else set()
+    assert len(called) > 45, sorted(called)
+    assert "accept" in called, "its body may be left out"
+    assert {"list_maps", "list_jobs", "find_revisions", "find_drawings", "get_session"} <= found, sorted(
+        found
+    )
+
+
+def _is_stream(operation: dict[str, Any]) -> bool:
+    return "text/event-stream" in operation["responses"].get("200", {}).get("content", {})

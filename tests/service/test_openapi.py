@@ -39,6 +39,9 @@ def test_every_operation_is_described() -> None:
     for name, operation in _operations(DOCUMENT):
         assert len(operation["description"]) > 20, name
         assert "422" not in operation["responses"], name
+        if name.startswith("HEAD "):
+            assert not any("content" in answer for answer in operation["responses"].values()), name
+            continue
         content = operation["responses"]["default"]["content"]
         assert content == {
             "application/problem+json": {"schema": {"$ref": "#/components/schemas/Problem"}}

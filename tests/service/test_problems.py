@@ -56,8 +56,34 @@ def test_a_wrong_method_is_told_the_right_ones(admin: httpx.Client) -> None:
     answer = admin.put("/v1/maps")
     assert answer.status_code == 405
     assert answer.headers["content-type"] == "application/problem+json"
-    assert answer.headers["allow"] == "GET, POST"
-    assert admin.delete("/v1/maps/map_x").headers["allow"] == "GET, PATCH"
+    assert answer.headers["allow"] == "GET, HEAD, POST"
+    assert admin.delete("/v1/maps/map_x").headers["allow"] == "GET, HEAD, PATCH"
+
+
+def test_head_is_get_without_its_body(admin: httpx.Client, server: Server) -> None:
+    paths = json.loads(SNAPSHOT.read_text(encoding="utf-8"))["paths"]
+    streams = set()
+    for path, methods in paths.items():
+        if "get" not in methods:
+            continue
+        at = re.sub(r"\{n\}", "1", re.sub(r"\{(?!n\})\w+\}", "none", path))
+        if "text/event-stream" in methods["get"]["responses"]["200"]["content"]:
+            streams.add(path)
+            head = admin.head(at)
+            assert (head.status_code, head.headers["allow"]) == (405, "GET")
+            continue
+        got, head = admin.get(at), admin.head(at)
+        assert (head.status_code, head.content) == (got.status_code, b""), path
+        assert head.headers["content-type"] == got.headers["content-type"], path
+        assert set(head.headers) == set(got.headers), path
+        if path not in {"/metrics", "/v1/stats"}:
+            assert head.headers["content-length"] == got.headers["content-length"], path
+    assert len(streams) == 2
+    for page in ("/", "/docs", "/tablet", "/problems/map-not-found", "/openapi.json"):
+        assert httpx.head(server.url + page).status_code == 200
+    assert httpx.head(server.url + "/v1/maps").status_code == 401
+    counted = httpx.get(server.url + "/metrics").text
+    assert re.search(r'method="HEAD".*route="/healthz"|route="/healthz".*method="HEAD"', counted)
 
 
 def test_a_large_body_is_refused(server: Server, admin: httpx.Client) -> None:

@@ -89,6 +89,7 @@ def compare_revisions(
     return ComparedOut.of(found, map_id=map_id, base_url=base_url)
 
 
+@router.head("/revisions/{n}/compare.png", include_in_schema=False)
 @router.get("/revisions/{n}/compare.png", response_class=Response, responses=DOCUMENTED)
 def get_picture(
     request: Request, kernel: KernelDep, actor: AnyActor, map_id: MapId, *, n: RevisionN, with_n: With
