@@ -1,18 +1,15 @@
 """Polygon files (PLY): the vertices, from text and from both binary byte orders.
 
-The header is compared with the file's size before anything is allocated. Text is read by numpy, which is
-thirty times as fast as plyfile there; binary by plyfile, which refuses what ends early.
+The header is compared with the file's size before anything is allocated.
 """
 
 from __future__ import annotations
 
 import io
-from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyParseError
 
 from service.domain.bounds import Bounds
 from service.domain.errors import (
@@ -21,52 +18,11 @@ from service.domain.errors import (
     FileTruncated,
     HeaderMismatch,
     TooManyPoints,
-    UnsupportedMedia,
 )
+from worker.formats.ply_body import read_columns
+from worker.formats.ply_header import PlyElement, PlyHeader, read_ply_header
 from worker.formats.scan_checks import check_places
 from worker.geometry.cloud.point_cloud import PointCloud
-
-_MAX_HEADER_BYTES = 65_536
-_BYTES = {
-    "char": 1, "int8": 1, "uchar": 1, "uint8": 1, "short": 2, "int16": 2, "ushort": 2, "uint16": 2,
-    "int": 4, "int32": 4, "uint": 4, "uint32": 4, "float": 4, "float32": 4, "double": 8, "float64": 8,
-}  # fmt: skip
-_FORMATS = {"ascii": "ascii", "binary_little_endian": "<", "binary_big_endian": ">"}
-
-
-@dataclass(frozen=True)
-class PlyProperty:
-    """Hold one property: its name, the bytes of its value, and of its length if it is a list."""
-
-    name: str
-    value_bytes: int
-    length_bytes: int
-    value_type: str = ""
-    length_type: str = ""
-
-
-@dataclass(frozen=True)
-class PlyElement:
-    """Hold one element of the header: its name, how many, and its properties."""
-
-    name: str
-    count: int
-    properties: tuple[PlyProperty, ...]
-
-    def least_bytes(self, *, text: bool) -> int:
-        """Return the fewest bytes that the body needs for this element."""
-        if text:
-            return 2 * self.count * len(self.properties)
-        return self.count * sum(p.length_bytes or p.value_bytes for p in self.properties)
-
-
-@dataclass(frozen=True)
-class PlyHeader:
-    """Hold what the text at the top of the file promises."""
-
-    encoding: str
-    elements: tuple[PlyElement, ...]
-    data_offset: int
 
 
 def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
@@ -109,64 +65,12 @@ def read_ply(path: Path, bounds: Bounds | None = None) -> PointCloud:
         raise FileEmpty("The PLY file has no bytes.")
     header = read_ply_header(path)
     vertex = _check(header, size=size, bounds=bounds)
-    points = _read_text(path, header, vertex) if header.encoding == "ascii" else _read_binary(path)
+    read = _read_text if header.encoding == "ascii" else _read_binary
+    points = read(path, header, vertex)
     if len(points) != vertex.count:
         raise FileTruncated(f"The header promises {vertex.count} vertices; the file holds {len(points)}.")
     check_places(points)
     return PointCloud.of(points)
-
-
-def read_ply_header(path: Path) -> PlyHeader:
-    """Return what a PLY file's header promises; nothing of it has been compared with the bytes yet.
-
-    Raises
-    ------
-    FileTruncated, FileMalformed, UnsupportedMedia
-        As `read_ply` does.
-    """
-    with path.open("rb") as file:
-        return _read_header(file.read(_MAX_HEADER_BYTES))
-
-
-def _read_header(head: bytes) -> PlyHeader:
-    """Return the header parsed from the first bytes of the file."""
-    if not head.startswith((b"ply\n", b"ply\r")):
-        raise UnsupportedMedia("The file does not begin with the line 'ply'.")
-    end = head.find(b"end_header")
-    stop = head.find(b"\n", end)
-    if end < 0 or stop < 0:
-        if len(head) < _MAX_HEADER_BYTES:
-            raise FileTruncated("The PLY file ends inside its header: no end_header line was found.")
-        raise FileMalformed(f"No end_header within the first {_MAX_HEADER_BYTES} bytes of the PLY file.")
-    encoding, elements = "", []
-    properties: list[PlyProperty] = []
-    for line in head[:end].decode("ascii", errors="replace").splitlines()[1:]:
-        words = line.split()
-        if not words or words[0] in {"comment", "obj_info"}:
-            continue
-        if words[0] == "format" and len(words) == 3 and words[1] in _FORMATS:
-            encoding = _FORMATS[words[1]]
-        elif words[0] == "element" and len(words) == 3 and words[2].isdigit():
-            properties = []
-            elements.append((words[1], int(words[2]), properties))
-        elif words[0] == "property" and elements:
-            properties.append(_property(words))
-        else:
-            raise FileMalformed(f"The PLY header holds a line that the format does not know: {line[:80]!r}.")
-    if not encoding:
-        raise FileMalformed("The PLY header names no format.")
-    return PlyHeader(encoding, tuple(PlyElement(n, c, tuple(p)) for n, c, p in elements), stop + 1)
-
-
-def _property(words: list[str]) -> PlyProperty:
-    """Return one property line's meaning."""
-    types = words[2:4] if len(words) == 5 and words[1] == "list" else words[1:2]
-    if len(words) not in {3, 5} or any(name not in _BYTES for name in types):
-        raise FileMalformed(
-            f"The PLY header holds a property that is not understood: {' '.join(words)[:80]!r}."
-        )
-    length = _BYTES[types[0]] if len(types) == 2 else 0
-    return PlyProperty(words[-1], _BYTES[types[-1]], length, types[-1], types[0] if length else "")
 
 
 def _check(header: PlyHeader, *, size: int, bounds: Bounds) -> PlyElement:
@@ -200,7 +104,7 @@ def _read_text(path: Path, header: PlyHeader, vertex: PlyElement) -> NDArray[np.
             break
         before += element.count
     names = [p.name for p in vertex.properties]
-    first_list = next((i for i, p in enumerate(vertex.properties) if p.length_bytes), len(names))
+    first_list = next((i for i, p in enumerate(vertex.properties) if p.is_list), len(names))
     columns = [names.index(axis) for axis in "xyz"]
     if max(columns) > first_list:
         raise FileMalformed("x, y and z stand behind a list property, which text files cannot be read with.")
@@ -218,15 +122,9 @@ def _read_text(path: Path, header: PlyHeader, vertex: PlyElement) -> NDArray[np.
     return table.reshape(-1, 3)
 
 
-def _read_binary(path: Path) -> NDArray[np.float64]:
+def _read_binary(path: Path, header: PlyHeader, vertex: PlyElement) -> NDArray[np.float64]:
     """Return x, y, z of a binary body."""
-    try:
-        with path.open("rb") as file:
-            vertex = PlyData.read(file)["vertex"]
-            return np.stack([np.asarray(vertex[axis], dtype=np.float64) for axis in "xyz"], axis=1)
-    except PlyParseError as error:
-        if "early end-of-file" in str(error):
-            raise FileTruncated(f"The PLY file ends before its header says: {error}.") from error
-        raise FileMalformed(f"The PLY file breaks its format: {error}.") from error
-    except (ValueError, TypeError, MemoryError, UnicodeDecodeError) as error:
-        raise FileMalformed("The PLY file's elements cannot be read as its header describes them.") from error
+    columns = read_columns(path, header, vertex, ("x", "y", "z"))
+    if any(column.lengths is not None for column in columns):
+        raise FileMalformed("x, y or z of the PLY file is a list; each is one number.")
+    return np.stack([column.values.astype(np.float64) for column in columns], axis=1)

@@ -4,16 +4,16 @@ from __future__ import annotations
 
 import io
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from plyfile import PlyData, PlyParseError
 
 from service.domain.bounds import Bounds
 from service.domain.errors import FileMalformed, FileTruncated
 from worker.formats.mesh import fan
-from worker.formats.ply import PlyElement, PlyHeader, read_ply, read_ply_header
+from worker.formats.ply import read_ply
+from worker.formats.ply_body import read_columns
+from worker.formats.ply_header import PlyElement, PlyHeader, read_ply_header
 from worker.formats.scan_checks import mesh_of
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.file_scan import FileScan
@@ -21,7 +21,6 @@ from worker.geometry.scan.file_scan import FileScan
 _LISTS = ("vertex_indices", "vertex_index")
 _FEWEST_FACES = 4
 _MESHED_SHARE = 0.9
-_SLOW_FACES = 2_000_000
 
 
 def load_ply(path: Path, *, bounds: Bounds) -> FileScan:
@@ -48,7 +47,7 @@ def load_ply(path: Path, *, bounds: Bounds) -> FileScan:
 
 
 def _has_list(faces: PlyElement) -> bool:
-    return any(p.name in _LISTS and p.length_bytes for p in faces.properties)
+    return any(p.name in _LISTS and p.is_list for p in faces.properties)
 
 
 def _is_mesh(cloud: PointCloud, triangles: NDArray[np.int64]) -> bool:
@@ -86,57 +85,9 @@ def _equal_rows(rows: list[bytes]) -> NDArray[np.int64]:
 
 
 def _binary(path: Path, header: PlyHeader, faces: PlyElement) -> NDArray[np.int64]:
-    """Return the triangles of a binary body: at once if all faces are triangles, else one by one."""
-    fast = _all_triangles(path, header, faces)
-    if fast is not None:
-        return fast
-    if faces.count > _SLOW_FACES:
-        raise FileMalformed(
-            f"The PLY file has {faces.count} faces that are not all triangles: triangulate it first."
-        )
-    try:
-        with path.open("rb") as file:
-            face: Any = PlyData.read(file)["face"]
-            name = next(p.name for p in face.properties if p.name in _LISTS)
-            lists = [np.asarray(row, dtype=np.int64) for row in face[name]]
-    except (PlyParseError, ValueError, TypeError, MemoryError) as error:
-        raise FileMalformed(
-            "The faces of the PLY file cannot be read as its header describes them."
-        ) from error
-    return fan(np.array([len(row) for row in lists]), np.concatenate(lists))
-
-
-def _all_triangles(path: Path, header: PlyHeader, faces: PlyElement) -> NDArray[np.int64] | None:
-    """Return the triangles if every face is one and all before them has a fixed size; else None."""
-    earlier = header.elements[: header.elements.index(faces)]
-    if any(p.length_bytes for e in earlier for p in e.properties):
-        return None
-    fields: list[tuple[str, str] | tuple[str, str, int]] = []
-    where = ""
-    for number, p in enumerate(faces.properties):
-        if p.name in _LISTS and p.length_bytes and not where:
-            where = f"v{number}"
-            fields += [(f"n{number}", _code(header, p.length_type)), (where, _code(header, p.value_type), 3)]
-        elif p.length_bytes:
-            return None
-        else:
-            fields.append((f"p{number}", _code(header, p.value_type)))
-    record = np.dtype(fields)
-    offset = header.data_offset + sum(e.least_bytes(text=False) for e in earlier)
-    if path.stat().st_size < offset + faces.count * record.itemsize:
-        return None
-    with path.open("rb") as file:
-        file.seek(offset)
-        table = np.frombuffer(file.read(faces.count * record.itemsize), dtype=record)
-    if not (table[f"n{where[1:]}"] == 3).all():
-        return None
-    return table[where].astype(np.int64)
-
-
-def _code(header: PlyHeader, name: str) -> str:
-    codes = {
-        "char": "i1", "int8": "i1", "uchar": "u1", "uint8": "u1", "short": "i2", "int16": "i2",
-        "ushort": "u2", "uint16": "u2", "int": "i4", "int32": "i4", "uint": "u4", "uint32": "u4",
-        "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
-    }  # fmt: skip
-    return header.encoding + codes[name]
+    """Return the triangles of a binary body."""
+    name = next(p.name for p in faces.properties if p.name in _LISTS and p.is_list)
+    (corners,) = read_columns(path, header, faces, (name,))
+    if corners.lengths is None or corners.values.dtype.kind == "f":
+        raise FileMalformed(f"The faces of the PLY file name their corners by {corners.values.dtype.name}.")
+    return fan(corners.lengths, corners.values.astype(np.int64))
