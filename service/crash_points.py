@@ -1,4 +1,4 @@
-"""Named instants at which a test may kill the process, to prove that nothing is lost or done twice.
+"""Named instants at which a test may kill or halt the process, to prove that nothing is lost or done twice.
 
 Every commit, rename, fsync and message between a worker and its child passes one of these names.
 Nothing happens there unless a composition root armed a point from its settings.
@@ -53,6 +53,7 @@ TRANSACTIONS: frozenset[str] = frozenset(
         "claim-job",
         "beat-job",
         "end-job",
+        "tell-waiting-jobs",
         "redeliver-jobs",
         "record-drawing-reading",
         "record-scan-reading",
@@ -117,7 +118,8 @@ def arm(name: str, *, on_hit: int = 1) -> None:
 def obey(order: Path) -> None:
     """Kill this process when it reaches the point that the file `order` names at that time.
 
-    The file is removed before the kill: one order kills one process, whichever comes first.
+    The file is removed before the kill: one order kills one process, whichever comes first. Where the name is
+    followed by ` halt`, the process is stopped instead (SIGSTOP), until somebody lets it go on.
     """
     _armed.name, _armed.order = None, order
 
@@ -151,9 +153,10 @@ def reach(name: str) -> None:
 
 def _follow(order: Path, name: str) -> None:
     try:
-        if order.read_text(encoding="ascii") != name:
+        wanted, _, halt = order.read_text(encoding="ascii").partition(" ")
+        if wanted != name:
             return
         order.unlink()
     except FileNotFoundError:
         return
-    os.kill(os.getpid(), signal.SIGKILL)
+    os.kill(os.getpid(), signal.SIGSTOP if halt else signal.SIGKILL)

@@ -110,6 +110,12 @@ class Settings(BaseSettings):
     )
     beat_s: float = Field(2.0, gt=0, description="Seconds between two beats of a worker.")
     poll_s: float = Field(0.05, gt=0, description="Seconds between two looks at the queue (SQLite).")
+    room_wait_s: float = Field(
+        15.0,
+        gt=0,
+        description="Least seconds until a job that found the disk full is tried again; twice as long as"
+        " the try took where that is more.",
+    )
     job_memory_bytes: int = Field(10240 * MIB, gt=0, description="Memory that one job may take.")
     job_cpu_s: float = Field(1800.0, gt=0, description="CPU seconds that one job may take.")
     reading_cpu_s: float = Field(

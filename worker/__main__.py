@@ -48,6 +48,7 @@ def main() -> int:
         folder=settings.data_dir.absolute() / "jobs",
         lease_s=settings.lease_s,
         beat_s=settings.beat_s,
+        room_wait_s=settings.room_wait_s,
         limits=limits,
     )
     delivery = open_delivery(kernel.db, now=kernel.now, poll_s=settings.poll_s, name=name)

@@ -14,6 +14,7 @@ import re
 import secrets
 import signal
 import sys
+import tempfile
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
@@ -26,12 +27,13 @@ from service import crash_points, logs
 from service.db.jobs import Attempt, LeaseLost
 from service.db.session import Database, open_engine
 from service.domain.bounds import Bounds
-from service.domain.errors import DomainError, JobOutOfMemory, Unavailable
+from service.domain.errors import DomainError, JobOutOfMemory, StorageFull, Unavailable
 from service.domain.lifecycle import JobKind
 from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
-from service.storage.room import Room
+from service.storage.room import Room, found_full, tells_full_disk
+from service.usecases.bytes_first import bytes_first
 from service.usecases.kernel import Kernel
 from worker.context import JobContext, Messages, limit_process
 from worker.registry import HANDLERS, after_fork, prepare
@@ -77,6 +79,7 @@ def _run(job: dict[str, Any], *, stem: int, settings: Settings, kernel: Kernel, 
     os.setpgid(0, 0)
     _die_with(stem)
     after_fork()
+    os.environ["TMPDIR"] = tempfile.tempdir = job["workdir"]  # what the job leaves behind goes with it
     may = JobLimits(**job["limits"])
     limit_process(memory_bytes=may.memory_bytes, cpu_s=may.cpu_s)
     attempt = Attempt(**{**job["attempt"], "kind": JobKind(job["attempt"]["kind"])})
@@ -96,20 +99,32 @@ def _attempt(context: JobContext) -> dict[str, Any] | None:
     """Return how the attempt failed, as the members of its message, or None when its result is recorded."""
     bound = log.bind(job=context.attempt.job_id, kind=str(context.attempt.kind))
     try:
-        HANDLERS[context.attempt.kind](context)
+        with bytes_first(context.kernel):
+            HANDLERS[context.attempt.kind](context)
     except LeaseLost:
         bound.warning("the job was taken over by another attempt; this result is dropped")
         return {"why": "lease-lost"}
-    except Unavailable as refusal:
-        return {"why": "unavailable", "problem": refusal.problem()}
-    except DomainError as refusal:
-        return {"why": "refused", "problem": refusal.problem()}
-    except Exception as error:  # noqa: BLE001 - here a defect becomes a failed job
-        if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):  # so OpenCV and ONNX tell it
-            return {"why": "refused", "problem": _out_of_memory(context).problem()}
-        bound.exception("a defect ended the job")
-        return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
+    except Exception as error:  # noqa: BLE001 - here every failure becomes one of the job
+        return _failure(context, error)
     return None
+
+
+def _failure(context: JobContext, error: Exception) -> dict[str, Any]:
+    """Return how the attempt failed by an error; what fails for want of room says so seldom by itself."""
+    bound = log.bind(job=context.attempt.job_id, kind=str(context.attempt.kind))
+    if tells_full_disk(error) or context.kernel.room.is_used_up():
+        bound.warning("the job found the disk full", cause=repr(error))
+        full = error if isinstance(error, StorageFull) else found_full()
+        return {"why": "full", "problem": full.problem()}
+    if isinstance(error, DomainError):
+        return {
+            "why": "unavailable" if isinstance(error, Unavailable) else "refused",
+            "problem": error.problem(),
+        }
+    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):  # so OpenCV and ONNX tell it
+        return {"why": "refused", "problem": _out_of_memory(context).problem()}
+    bound.exception("a defect ended the job", exc_info=error)
+    return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
 
 
 def _out_of_memory(context: JobContext) -> DomainError:

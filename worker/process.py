@@ -16,7 +16,8 @@ from typing import Any
 
 from service import crash_points
 from service.db.jobs import Attempt
-from service.domain.reading_cost import JobLimits
+from service.domain.errors import DomainError, JobOutOfMemory, JobTimedOut, ReaderCrashed
+from service.domain.reading_cost import JobLimits, ReadingLimits
 
 _READ_BYTES = 65536
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
@@ -214,3 +215,43 @@ def _used(pid: int) -> Usage:
         return Usage(memory, memory, sum(map(int, stat[11:15])) / _TICKS_PER_S)
     except (OSError, IndexError):
         return Usage()
+
+
+def over_limits(child: WarmChild, reading: ReadingLimits | None, limits: JobLimits) -> DomainError | None:
+    """Return the refusal of a job whose processes take more than they may; None while they do not."""
+    used = child.usage()
+    if reading is not None:
+        if used.own_bytes > reading.memory_bytes:
+            return reading.refusal("memory")
+        return reading.refusal("cpu") if used.cpu_s > reading.cpu_s else None
+    if used.memory_bytes > limits.memory_bytes:
+        return _out_of_memory(limits)
+    return timed_out("CPU seconds", limits.cpu_s) if used.cpu_s > limits.cpu_s else None
+
+
+def why_it_died(child: WarmChild, reading: ReadingLimits | None, limits: JobLimits) -> DomainError | None:
+    """Return the refusal of a job that its own file or limits ended; None where another try may help."""
+    fault = child.fault
+    if child.ran_out_of_cpu:
+        return timed_out("CPU seconds", limits.cpu_s) if reading is None else reading.refusal("cpu")
+    if reading is None:
+        return None
+    if child.peak_bytes > reading.memory_bytes:
+        return reading.refusal("memory")
+    if fault is None:
+        return None
+    return ReaderCrashed(
+        f"The reader crashed on {reading.file_name} ({fault.name}): it is damaged. Open it in the program "
+        "that made it, repair it, and export it again.",
+        signal=fault.name,
+    )
+
+
+def _out_of_memory(limits: JobLimits) -> JobOutOfMemory:
+    limit = limits.memory_bytes // (1024 * 1024)
+    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
+
+
+def timed_out(unit: str, limit: float) -> JobTimedOut:
+    """Return the refusal of a job that took more than `limit` of a unit."""
+    return JobTimedOut(f"The job took more than the {limit:g} {unit} that a job may take.")

@@ -18,14 +18,16 @@ from typing import Any
 import structlog
 from sqlalchemy.orm import Session
 
-from service.db import jobs
+from service.db import jobs, waiting
 from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
-from service.domain.errors import DatabaseBusy, DomainError, JobOutOfMemory, JobTimedOut, ReaderCrashed
+from service.domain.errors import DatabaseBusy, DomainError, StorageFull, Unavailable
+from service.domain.lifecycle import room_wait_s
 from service.domain.reading_cost import JobLimits, ReadingLimits
+from service.storage.room import Spare, found_full, full_disk_refused
 from service.usecases.kernel import Kernel
 from worker.figures import Figures
-from worker.process import WarmChild
+from worker.process import WarmChild, over_limits, timed_out, why_it_died
 
 _READY_TIMEOUT_S = 120.0
 _STILLBORN_MAX = 5
@@ -34,6 +36,7 @@ _LISTEN_S = 0.2
 _PROGRESS_EVERY_S = 0.25
 _STOP_GRACE_S = 3.0
 _SWEEP_EVERY_S = 60.0
+_ROOM_IS_SURE_S = 2.0
 
 log = structlog.get_logger(__name__)
 
@@ -44,13 +47,17 @@ class NoChild(Exception):
 
 @dataclass(frozen=True)
 class Terms:
-    """Hold how a worker works: its name, its folder for jobs, its lease, its beat, and a job's limits."""
+    """Hold how a worker works: its name, its folder for jobs, its lease, its beat, and a job's limits.
+
+    `room_wait_s` is the least time until a job that found no room is tried again.
+    """
 
     name: str
     folder: Path
     lease_s: float
     beat_s: float
     limits: JobLimits
+    room_wait_s: float
 
 
 @dataclass
@@ -111,6 +118,8 @@ class Runner:
         self._child: WarmChild | None = None
         self._is_called = False
         self._swept_at = float("-inf")
+        self._full_at = float("-inf")
+        self._spare = Spare(terms.folder)
 
     def stop(self, _signal: int = signal.SIGTERM, _frame: object = None) -> None:
         """End soon: a running job gets a few seconds, then it is given back for another worker."""
@@ -134,12 +143,16 @@ class Runner:
         finally:
             if self._child is not None:
                 self._child.end()
+            self._spare.let_go()
             self._delivery.close()
 
     def _turn(self, child: WarmChild) -> None:
         """Do one job if there is one; it is claimed only while the child is there to do it."""
         try:
             self._sweep()
+            if not self._has_room():
+                self._stopping.wait(_IDLE_S)
+                return
             self._is_called = self._is_called or self._delivery.next(timeout_s=_IDLE_S)
             if not self._is_called or not child.wait_ready(timeout_s=0.0):
                 return
@@ -147,9 +160,31 @@ class Runner:
             if attempt is not None:
                 self._work(attempt, child)
             self._delivery.done()
-        except DatabaseBusy as busy:
-            log.warning("the database did not answer", cause=busy.members.get("cause"))
+        except Unavailable as refusal:
+            log.warning(
+                "the database did not answer", problem=refusal.slug(), cause=refusal.members.get("cause")
+            )
             self._stopping.wait(1.0)
+
+    def _has_room(self) -> bool:
+        """Return whether a job may be begun; while none may, let those that are due tell what they wait for.
+
+        When room comes back, whoever holds a job writes first how its try ended: it could not before.
+        """
+        full = self._kernel.room.refusal()
+        if full is None:
+            self._spare.hold()
+            return time.monotonic() - self._full_at > _ROOM_IS_SURE_S
+        self._full_at = time.monotonic()
+        with self._kernel.db.reading() as session:
+            untold = waiting.due_untold(session, now=self._kernel.now())
+        if untold:
+            log.warning("the disk is full: jobs wait for room", jobs=len(untold), **full.members)
+            if self._kernel.room.is_used_up():
+                self._spare.let_go()
+            with self._kernel.db.writing("tell-waiting-jobs") as session:
+                waiting.tell_why_waiting(session, untold, problem=full.problem())
+        return False
 
     def _prepare(self) -> WarmChild | None:
         """Return the child whose imports are done; None when it is time to stop."""
@@ -182,16 +217,19 @@ class Runner:
         bound = log.bind(job=attempt.job_id, kind=str(attempt.kind), attempt=attempt.attempt)
         bound.info("job started")
         workdir = self._terms.folder / attempt.token
-        workdir.mkdir()
         now = time.monotonic()
         watch = _Watch(attempt, child, started_at=now, beaten_at=now)
         self._figures.begin()
         try:
+            with full_disk_refused():
+                workdir.mkdir()
             child.hand_over(attempt, workdir=workdir, limits=self._terms.limits)
             while child.is_working:
                 self._listen(watch)
                 self._guard(watch)
             self._judge(watch)
+        except StorageFull as full:
+            watch.verdict = self._waiting(watch, full.problem())
         finally:
             if child.is_working:
                 child.end()
@@ -219,20 +257,20 @@ class Runner:
         if watch.last_word is None:
             watch.verdict = self._death(watch)
         elif watch.last_word["message"] == "failed":
-            watch.verdict = self._verdict(watch.attempt, watch.last_word)
+            watch.verdict = self._verdict(watch, watch.last_word)
 
     def _guard(self, watch: _Watch) -> None:
         """Beat when it is time; end what is cancelled, lost, over a limit, or to be given back."""
         if not watch.child.is_working or watch.last_word is not None:
             return
         now, attempt, limits = time.monotonic(), watch.attempt, self._terms.limits
-        over = _over(watch, limits)
+        over = over_limits(watch.child, watch.reading, limits)
         if over is not None:
             self._break_off(watch, self._failing(attempt, over))
         elif now - watch.started_at > limits.wall_s:
-            self._break_off(watch, self._failing(attempt, _timed_out("seconds", limits.wall_s)))
+            self._break_off(watch, self._failing(attempt, timed_out("seconds", limits.wall_s)))
         elif now > self._stop_by:
-            self._break_off(watch, lambda s: jobs.release(s, attempt, now=self._kernel.now()))
+            self._break_off(watch, lambda s: waiting.release(s, attempt, now=self._kernel.now()))
         elif now - watch.beaten_at > watch.pause_s(self._terms.beat_s):
             self._beat(watch)
 
@@ -246,8 +284,8 @@ class Runner:
         except LeaseLost:
             self._yield(watch)
             return
-        except DatabaseBusy:
-            log.warning("a beat failed: the database did not answer", job=attempt.job_id)
+        except Unavailable as refusal:
+            log.warning("a beat failed", job=attempt.job_id, problem=refusal.slug())
             return
         watch.is_shown |= bool(watch.told)
         watch.beaten_at, watch.told = time.monotonic(), {}
@@ -267,10 +305,13 @@ class Runner:
         watch.child.end_job()
         watch.is_broken_off, watch.verdict = True, verdict
 
-    def _verdict(self, attempt: Attempt, message: dict[str, Any]) -> Callable[[Session], None] | None:
+    def _verdict(self, watch: _Watch, message: dict[str, Any]) -> Callable[[Session], None] | None:
         """Return what becomes of a job whose child says that it failed."""
+        attempt = watch.attempt
         if message["why"] == "lease-lost":
             return None
+        if message["why"] == "full":
+            return self._waiting(watch, message["problem"])
         if message["why"] == "unavailable":
             return lambda s: self._try_again(s, attempt, message["problem"])
         if message["why"] == "defect":
@@ -281,11 +322,23 @@ class Runner:
         """Return what becomes of a job whose child ended without a word."""
         attempt, how = watch.attempt, watch.child.how_it_ended()
         log.warning("a child died", job=attempt.job_id, attempt=attempt.attempt, how=how)
-        refusal = _why_it_died(watch, self._terms.limits)
+        if self._kernel.room.is_used_up():  # SIGBUS, where a file is mapped
+            return self._waiting(watch, found_full().problem())
+        refusal = why_it_died(watch.child, watch.reading, self._terms.limits)
         if refusal is not None:
             return self._failing(attempt, refusal)
         problem = jobs.crashed(attempts=attempt.attempt, last=how).problem()
         return lambda s: self._try_again(s, attempt, problem)
+
+    def _waiting(self, watch: _Watch, problem: dict[str, Any]) -> Callable[[Session], None]:
+        """Return that a job found no room: it waits, and the try does not count."""
+        wait_s = room_wait_s(time.monotonic() - watch.started_at, least_s=self._terms.room_wait_s)
+        log.warning(
+            "the job waits for room on the disk", job=watch.attempt.job_id, again_in_s=round(wait_s, 1)
+        )
+        return lambda s: waiting.wait_for_room(
+            s, watch.attempt, problem=problem, wait_s=wait_s, now=self._kernel.now()
+        )
 
     def _try_again(self, session: Session, attempt: Attempt, problem: dict[str, Any]) -> None:
         jobs.try_again(session, attempt, problem=problem, now=self._kernel.now())
@@ -297,7 +350,7 @@ class Runner:
         """Write how the attempt ended; where the result is recorded already, or the lease is lost, nothing.
 
         A database that does not answer is asked again until the lease is over: then another attempt
-        takes over anyway.
+        takes over anyway. One whose disk is full is asked until there is room: nobody can take over before.
         """
         while watch.verdict is not None:
             try:
@@ -305,6 +358,10 @@ class Runner:
                     watch.verdict(session)
             except LeaseLost:
                 pass
+            except StorageFull:
+                self._spare.let_go()
+                if not self._stopping.wait(_LISTEN_S):
+                    continue
             except DatabaseBusy:
                 if time.monotonic() - watch.beaten_at < 2 * self._terms.lease_s:
                     time.sleep(1.0)
@@ -322,42 +379,3 @@ class Runner:
         for folder in folders:
             if folder.name not in alive:
                 shutil.rmtree(folder, ignore_errors=True)
-
-
-def _over(watch: _Watch, limits: JobLimits) -> DomainError | None:
-    """Return the refusal of a job whose processes take more than they may; None while they do not."""
-    used, reading = watch.child.usage(), watch.reading
-    if reading is not None:
-        if used.own_bytes > reading.memory_bytes:
-            return reading.refusal("memory")
-        return reading.refusal("cpu") if used.cpu_s > reading.cpu_s else None
-    if used.memory_bytes > limits.memory_bytes:
-        return _out_of_memory(limits)
-    return _timed_out("CPU seconds", limits.cpu_s) if used.cpu_s > limits.cpu_s else None
-
-
-def _why_it_died(watch: _Watch, limits: JobLimits) -> DomainError | None:
-    """Return the refusal of a job that its own file or limits ended; None where another try may help."""
-    reading, fault = watch.reading, watch.child.fault
-    if watch.child.ran_out_of_cpu:
-        return _timed_out("CPU seconds", limits.cpu_s) if reading is None else reading.refusal("cpu")
-    if reading is None:
-        return None
-    if watch.child.peak_bytes > reading.memory_bytes:
-        return reading.refusal("memory")
-    if fault is None:
-        return None
-    return ReaderCrashed(
-        f"The reader crashed on {reading.file_name} ({fault.name}): it is damaged. Open it in the program "
-        "that made it, repair it, and export it again.",
-        signal=fault.name,
-    )
-
-
-def _out_of_memory(limits: JobLimits) -> JobOutOfMemory:
-    limit = limits.memory_bytes // (1024 * 1024)
-    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
-
-
-def _timed_out(unit: str, limit: float) -> JobTimedOut:
-    return JobTimedOut(f"The job took more than the {limit:g} {unit} that a job may take.")

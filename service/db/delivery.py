@@ -18,7 +18,7 @@ from sqlalchemy.orm import Session
 
 from service.db.jobs import QUEUE, TASK, any_due, deliver, overdue
 from service.db.session import Database
-from service.domain.errors import DatabaseBusy
+from service.domain.errors import Unavailable
 from service.domain.ids import Clock
 
 _LOOK_FOR_LOST_S = 2.0
@@ -188,7 +188,7 @@ class Delivered:
             await asyncio.sleep(_LOOK_FOR_LOST_S)
             try:
                 await asyncio.to_thread(self._redeliver)
-            except (DatabaseBusy, SQLAlchemyError) as error:
+            except (Unavailable, SQLAlchemyError) as error:
                 log.warning("lost jobs could not be looked for; soon again", cause=repr(error))
 
     def _redeliver(self) -> None:

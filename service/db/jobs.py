@@ -75,7 +75,7 @@ def enqueue(
         key_id=key_id,
         state=JobState.QUEUED.value,
         attempt=0,
-        run_after=_present(session, now),
+        run_after=present_at(session, now),
         cancel_requested=False,
         fraction=0.0,
         created_at=now,
@@ -123,7 +123,7 @@ def claim(
     job_id : str, optional
         Claim this job or none.
     """
-    now = _present(session, now)
+    now = present_at(session, now)
     found = in_turn(session, now=now) if job_id is None else _due_by_id(session, job_id, now=now)
     for job in found:
         if job.state == JobState.RUNNING and not _survives_its_worker(session, job, now=now):
@@ -133,7 +133,7 @@ def claim(
         job.attempt_token, job.worker = token, worker
         job.lease_until = now + timedelta(seconds=lease_s)
         job.started_at = now
-        job.stage, job.fraction = None, 0.0
+        job.stage, job.fraction, job.problem = None, 0.0, None
         job.changed += 1
         return Attempt(job.id, JobKind(job.kind), job.subject_id, job.map_id, job.attempt, token)
     return None
@@ -146,7 +146,7 @@ def _due_by_id(session: Session, job_id: str, *, now: datetime) -> Sequence[Job]
 
 def any_due(session: Session, *, now: datetime) -> bool:
     """Return whether `claim` would find a job."""
-    return is_any_due(session, now=_present(session, now))
+    return is_any_due(session, now=present_at(session, now))
 
 
 def overdue(session: Session, *, now: datetime) -> list[str]:
@@ -154,7 +154,7 @@ def overdue(session: Session, *, now: datetime) -> list[str]:
 
     One that became due a moment ago is left to the delivery that is on its way.
     """
-    present = _present(session, now)
+    present = present_at(session, now)
     lost = or_(
         and_(Job.state == JobState.QUEUED.value, Job.run_after <= present - timedelta(seconds=_ON_ITS_WAY_S)),
         and_(Job.state == JobState.RUNNING.value, Job.lease_until < present),
@@ -184,7 +184,7 @@ def beat(
     LeaseLost
         If the job is no longer this attempt's.
     """
-    values: dict[str, Any] = {"lease_until": _present(session, now) + timedelta(seconds=lease_s)}
+    values: dict[str, Any] = {"lease_until": present_at(session, now) + timedelta(seconds=lease_s)}
     if stage is not None:
         values |= {"stage": stage[:80], "fraction": fraction or 0.0, "changed": Job.changed + 1}
     _guarded(session, attempt, values)
@@ -217,7 +217,7 @@ def finish_failed(session: Session, attempt: Attempt, *, problem: dict[str, Any]
     LeaseLost
         If the job is no longer this attempt's.
     """
-    _end(session, _held(session, attempt), JobState.FAILED, problem=problem, now=now)
+    _end(session, held_job(session, attempt), JobState.FAILED, problem=problem, now=now)
 
 
 def finish_cancelled(session: Session, attempt: Attempt, *, now: datetime) -> None:
@@ -228,7 +228,7 @@ def finish_cancelled(session: Session, attempt: Attempt, *, now: datetime) -> No
     LeaseLost
         If the job is no longer this attempt's.
     """
-    _end(session, _held(session, attempt), JobState.CANCELLED, problem=None, now=now)
+    _end(session, held_job(session, attempt), JobState.CANCELLED, problem=None, now=now)
 
 
 def try_again(session: Session, attempt: Attempt, *, problem: dict[str, Any], now: datetime) -> bool:
@@ -239,25 +239,12 @@ def try_again(session: Session, attempt: Attempt, *, problem: dict[str, Any], no
     LeaseLost
         If the job is no longer this attempt's.
     """
-    job = _held(session, attempt)
+    job = held_job(session, attempt)
     if job.attempt >= MAX_ATTEMPTS:
         _end(session, job, JobState.FAILED, problem=problem, now=now)
         return False
-    _requeue(session, job, wait_s=BACK_OFF_S[job.attempt - 1], now=now)
+    requeue(session, job, wait_s=BACK_OFF_S[job.attempt - 1], now=now)
     return True
-
-
-def release(session: Session, attempt: Attempt, *, now: datetime) -> None:
-    """Give the job back unfinished, for any worker to take at once; the try does not count.
-
-    Raises
-    ------
-    LeaseLost
-        If the job is no longer this attempt's.
-    """
-    job = _held(session, attempt)
-    job.attempt -= 1
-    _requeue(session, job, wait_s=0.0, now=now)
 
 
 def crashed(*, attempts: int, last: str) -> JobCrashed:
@@ -301,11 +288,11 @@ def retry(session: Session, job_id: str, *, now: datetime) -> Job:
     if job.kind == JobKind.BUILD_REVISION:
         raise JobNotRetryable("A revision that failed stays failed: ask for a new revision instead.")
     job.attempt, job.problem, job.ended_at, job.cancel_requested = 0, None, None, False
-    _requeue(session, job, wait_s=0.0, now=now)
+    requeue(session, job, wait_s=0.0, now=now)
     return job
 
 
-def _present(session: Session, now: datetime) -> datetime:
+def present_at(session: Session, now: datetime) -> datetime:
     """Return PostgreSQL's own clock, which all machines share; on SQLite, one machine, the given one."""
     if session.get_bind().dialect.name != "postgresql":
         return now
@@ -356,7 +343,14 @@ def _guarded(session: Session, attempt: Attempt, values: dict[str, Any]) -> None
         raise LeaseLost(attempt.job_id)
 
 
-def _held(session: Session, attempt: Attempt) -> Job:
+def held_job(session: Session, attempt: Attempt) -> Job:
+    """Return the job that an attempt holds, locked.
+
+    Raises
+    ------
+    LeaseLost
+        If the job is no longer this attempt's.
+    """
     _be_brief(session)
     job = session.scalars(select(Job).where(_mine(attempt)).with_for_update()).one_or_none()
     if job is None:
@@ -364,8 +358,9 @@ def _held(session: Session, attempt: Attempt) -> Job:
     return job
 
 
-def _requeue(session: Session, job: Job, *, wait_s: float, now: datetime) -> None:
-    present = _present(session, now)
+def requeue(session: Session, job: Job, *, wait_s: float, now: datetime) -> None:
+    """Put a job back into the queue, due in `wait_s` seconds."""
+    present = present_at(session, now)
     job.state = JobState.QUEUED.value
     job.run_after = present + timedelta(seconds=wait_s)
     job.attempt_token = job.worker = job.lease_until = job.stage = None

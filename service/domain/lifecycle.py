@@ -77,3 +77,20 @@ class Role(StrEnum):
 MAX_ATTEMPTS = 3
 BACK_OFF_S = (1.0, 5.0)
 """Seconds until the second and the third attempt of a job whose worker or child died."""
+
+MOST_ROOM_WAIT_S = 300.0
+_WAITS_A_TRY = 2.0
+
+
+def room_wait_s(took_s: float, *, least_s: float) -> float:
+    """Return the seconds until a job that found the disk full is tried again.
+
+    Twice as long as the try took, so that a job which never fits leaves its worker to the others; but
+    `least_s` at least, and five minutes at most.
+
+    Examples
+    --------
+    >>> room_wait_s(1.0, least_s=15.0), room_wait_s(60.0, least_s=15.0), room_wait_s(3000.0, least_s=15.0)
+    (15.0, 120.0, 300.0)
+    """
+    return min(max(least_s, _WAITS_A_TRY * took_s), MOST_ROOM_WAIT_S)

@@ -3,11 +3,14 @@
 from __future__ import annotations
 
 import errno
+import os
 import shutil
+import tempfile
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
+from typing import IO
 
 from service.domain.errors import StorageFull
 from service.domain.reserve import reserve_of
@@ -15,7 +18,12 @@ from service.domain.reserve import reserve_of
 RETRY_AFTER_S = 60
 """When a refused sender may ask again [s]: making room is a person's work."""
 
+_SPARE_BYTES = 256 << 10
+"""Room for some transactions in SQLite's log, pages of 4 KiB each."""
+
 _FULL = {errno.ENOSPC, errno.EDQUOT}
+_NEXT_WRITE_BYTES = 1 << 20
+"""What buffered writers, and mappings of files, may ask for at once."""
 
 
 @dataclass(frozen=True)
@@ -77,6 +85,10 @@ class Room:
                 seen[device] = Space(name, usage.free, kept)
         return list(seen.values())
 
+    def is_used_up(self) -> bool:
+        """Return whether some disk has no room for a next write, reserve or not."""
+        return any(space.free_bytes < _NEXT_WRITE_BYTES for space in self.spaces())
+
     def refusal(self, more_bytes: int = 0) -> StorageFull | None:
         """Return why nothing more may be begun, or `more_bytes` not be taken; None while there is room."""
         for space in self.spaces():
@@ -96,6 +108,41 @@ class Room:
         """
         if (refusal := self.refusal(more_bytes)) is not None:
             raise refusal
+
+
+class Spare:
+    """Keep some bytes of a disk that others fill, to be let go for the last words that have to be written.
+
+    The file has no name: it is gone with its process.
+
+    Parameters
+    ----------
+    folder : Path
+        A folder on the disk; it need not be there yet.
+    """
+
+    def __init__(self, folder: Path) -> None:
+        self._folder = folder
+        self._file: IO[bytes] | None = None
+
+    def hold(self) -> None:
+        """Take the bytes, if they are not held and there is room."""
+        if self._file is not None:
+            return
+        with suppress(OSError):
+            file = tempfile.TemporaryFile(dir=self._folder)  # noqa: SIM115 - held until it is let go
+            try:
+                os.posix_fallocate(file.fileno(), 0, _SPARE_BYTES)
+            except OSError:
+                file.close()
+            else:
+                self._file = file
+
+    def let_go(self) -> None:
+        """Give the bytes back."""
+        if self._file is not None:
+            self._file.close()
+            self._file = None
 
 
 def tells_full_disk(error: BaseException | None) -> bool:

@@ -9,7 +9,7 @@ import pytest
 from sqlalchemy import select, text
 from sqlalchemy.orm import Session
 
-from service.db import jobs
+from service.db import jobs, waiting
 from service.db.delivery import redeliver_lost
 from service.db.jobs import Attempt, LeaseLost
 from service.db.models import Job, Revision
@@ -83,7 +83,7 @@ def test_a_job_that_expired_is_taken_over_and_its_first_attempt_can_do_nothing_m
         lambda s: jobs.finish_failed(s, lost, problem=PROBLEM, now=now()),
         lambda s: jobs.finish_cancelled(s, lost, now=now()),
         lambda s: jobs.try_again(s, lost, problem=PROBLEM, now=now()),
-        lambda s: jobs.release(s, lost, now=now()),
+        lambda s: waiting.release(s, lost, now=now()),
     ]
     for act in late:
         with pytest.raises(LeaseLost), bench.kernel.db.writing("end-job") as session:
@@ -139,7 +139,7 @@ def test_a_worker_lost_three_times_ends_the_job(bench: Workbench, job_id: str) -
 def test_a_release_does_not_count_as_a_try(bench: Workbench, job_id: str) -> None:
     for _ in range(2 * MAX_ATTEMPTS):
         attempt = claimed(bench)
-        write(bench, lambda s, now: jobs.release(s, attempt, now=now))  # noqa: B023
+        write(bench, lambda s, now: waiting.release(s, attempt, now=now))  # noqa: B023
     assert bench.job(job_id).attempt == 0
     assert claimed(bench).attempt == 1
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import subprocess
 import sys
-import tempfile
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
@@ -19,6 +18,7 @@ from service.domain.errors import (
 )
 from worker.formats import dwg_convert
 from worker.formats.dxf import load_dxf
+from worker.formats.scratch import scratch_folder
 from worker.geometry.drawing.linework.linework import Linework
 
 Tell = Callable[[str, float], None]
@@ -67,8 +67,8 @@ def load_dwg(path: Path, *, bounds: Bounds, tell: Tell | None = None) -> Linewor
         )
     if size < _LEAST_BYTES:
         raise FileTruncated(f"{path.name} has only {size} bytes: the copy or the upload was cut short.")
-    with tempfile.TemporaryDirectory(prefix="groundplan-dwg-") as folder:
-        target = Path(folder) / path.name
+    with scratch_folder("groundplan-dwg-") as folder:
+        target = folder / path.name
         _convert(path, target, bounds=bounds, tell=tell or (lambda _stage, _share: None))
         return load_dxf(target, bounds=replace(bounds, max_dxf_bytes=bounds.max_dxf_bytes * 2), tell=tell)
 

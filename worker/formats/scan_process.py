@@ -6,13 +6,13 @@ import json
 import os
 import subprocess
 import sys
-import tempfile
 from pathlib import Path
 
 import numpy as np
 
 from service.domain import errors
 from service.domain.bounds import Bounds
+from worker.formats.scratch import scratch_folder
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.file_scan import FileScan, Statement
 from worker.geometry.scan.mesh_sampling import Mesh
@@ -42,8 +42,8 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     Rejected
         As the kind's loader does.
     """
-    with tempfile.TemporaryDirectory(prefix="groundplan-scan-") as folder:
-        output = Path(folder) / "scan.npz"
+    with scratch_folder("groundplan-scan-") as folder:
+        output = folder / "scan.npz"
         command = [
             sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.absolute()), str(output),
             str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),

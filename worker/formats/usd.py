@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import tempfile
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, FileTruncated
 from worker.formats.mesh import fan
 from worker.formats.scan_checks import check_count, cloud_of, mesh_of
+from worker.formats.scratch import scratch_folder
 from worker.geometry.scan.file_scan import FileScan, Statement
 
 _MOST_PRIMS = 100_000
@@ -45,8 +45,8 @@ def load_usd(path: Path, *, bounds: Bounds) -> FileScan:
     suffix = next((name for start, name in _NAMES if head.startswith(start)), ".usda")
     if suffix == ".usdz" and not whole:
         raise FileTruncated("The USDZ file ends before its table of contents: it is cut short.")
-    with tempfile.TemporaryDirectory() as folder:
-        named = Path(folder) / f"scan{suffix}"
+    with scratch_folder("groundplan-usd-") as folder:
+        named = folder / f"scan{suffix}"
         named.symlink_to(path.resolve())
         try:
             Ar.SetPreferredResolver("ArDefaultResolver")

@@ -22,7 +22,7 @@ from pydantic import ValidationError
 
 from service import crash_points, logs
 from service.db.session import Database, open_engine
-from service.domain.errors import DatabaseBusy
+from service.domain.errors import Unavailable
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
@@ -71,7 +71,7 @@ def main() -> int:
                 ):
                     _look_until(stopping, turn, client, bridge)
     finally:
-        with suppress(DatabaseBusy):
+        with suppress(Unavailable):
             turn.end()
         kernel.db.close()
     return 0
@@ -109,7 +109,7 @@ def _look_until(stopping: threading.Event, turn: Turn, client: Client, bridge: B
             continue
         try:
             bridge.look()
-        except DatabaseBusy as busy:
+        except Unavailable as busy:
             log.warning("the database did not answer", cause=busy.members.get("cause"))
 
 

@@ -25,7 +25,9 @@ class JobOut(Output):
     fraction: float = Field(ge=0, le=1, description="How far it is.")
     attempt: int = Field(description="Which try this is; 0 before the first.")
     cancel_requested: bool
-    problem: Problem | None = Field(description="Why it failed, as a problem document.")
+    problem: Problem | None = Field(
+        description="Why it failed; or, of a queued job, what it waits for: a problem document."
+    )
     created_at: datetime
     started_at: datetime | None
     ended_at: datetime | None

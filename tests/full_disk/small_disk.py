@@ -1,0 +1,97 @@
+"""A file system of 64 MiB that a test fills to the last byte, and processes that halt at a chosen instant."""
+
+from __future__ import annotations
+
+import errno
+import os
+import signal
+import subprocess
+import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import psutil
+
+SIZE_BYTES = 64 << 20
+RESERVE_BYTES = 2 << 20
+PATIENCE_S = 240.0
+_BLOCK_BYTES = 1 << 20
+
+
+@dataclass
+class SmallDisk:
+    """Hold where the small file system is mounted, for this process and all that it starts."""
+
+    folder: Path
+
+    @property
+    def filler(self) -> Path:
+        """Return the file that takes the room."""
+        return self.folder / "filler"
+
+    @property
+    def free_bytes(self) -> int:
+        """Return what is free."""
+        found = os.statvfs(self.folder)
+        return found.f_bavail * found.f_frsize
+
+    def fill(self, *, leave_bytes: int = 0) -> None:
+        """Take all room but `leave_bytes`."""
+        with self.filler.open("ab", buffering=0) as file:
+            while (left := self.free_bytes - leave_bytes) > 0:
+                try:
+                    file.write(bytes(min(_BLOCK_BYTES, left)))
+                except OSError as error:
+                    assert error.errno == errno.ENOSPC  # noqa: PT017 - others have taken it meanwhile
+                    return
+
+    def make_room(self) -> None:
+        """Give all of it back."""
+        self.filler.unlink(missing_ok=True)
+
+
+@contextmanager
+def mounted(folder: Path) -> Iterator[SmallDisk]:
+    """Give a small file system at `folder`; only root of a mount namespace can."""
+    folder.mkdir()
+    words = ["-t", "tmpfs", "-o", f"size={SIZE_BYTES},mode=700", "groundplan", str(folder)]
+    subprocess.run(["mount", *words], check=True)
+    try:
+        yield SmallDisk(folder)
+    finally:
+        subprocess.run(["umount", "--lazy", str(folder)], check=True)
+
+
+def order_halt(data_dir: Path, point: str) -> None:
+    """Let the next process that passes the point stop there."""
+    order = data_dir / "crash-at"
+    order.with_suffix(".new").write_text(f"{point} halt", encoding="ascii")
+    order.with_suffix(".new").replace(order)
+
+
+def wait_halted(root_pid: int, data_dir: Path) -> psutil.Process:
+    """Return the process, `root_pid` or one of those that it started, that has stopped at its point."""
+    until = time.monotonic() + PATIENCE_S
+    while time.monotonic() < until:
+        if not (data_dir / "crash-at").exists():
+            root = psutil.Process(root_pid)
+            for process in [root, *root.children(recursive=True)]:
+                if process.status() == psutil.STATUS_STOPPED:
+                    return process
+        time.sleep(0.01)
+    raise AssertionError("no process has come to the point")
+
+
+def let_go(process: psutil.Process) -> None:
+    """Let a stopped process go on."""
+    process.send_signal(signal.SIGCONT)
+
+
+def wait_until(what: str, holds: Callable[[], bool], *, patience_s: float = PATIENCE_S) -> None:
+    """Return once something holds; fail when it never does."""
+    until = time.monotonic() + patience_s
+    while not holds():
+        assert time.monotonic() < until, what
+        time.sleep(0.05)
