@@ -11,7 +11,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-pytest_plugins = ["tests.postgres", "tests.server"]
+pytest_plugins = ["tests.postgres", "tests.server", "tests.foreign.tus_js"]
 
 ROOT = Path(__file__).resolve().parent.parent
 

@@ -25,6 +25,7 @@ _DXF = re.compile(rb"\s*(?:999\r?\n[^\n]*\n\s*)*0[ \t]*\r?\n\s*SECTION\s")
 _PGM = re.compile(rb"P[25]\s+(?:#[^\n]*\n\s*)*\d")
 _ROS_MAP = re.compile(rb"^resolution[ \t]*:", re.MULTILINE)
 _ROS_IMAGE = re.compile(rb"^image[ \t]*:", re.MULTILINE)
+_BY_THE_WAY = re.compile(rb"/$|(?:^|/)(?:__MACOSX/|\.)", re.IGNORECASE)
 _LEVELS = re.compile(rb"^levels[ \t]*:", re.MULTILINE)
 
 
@@ -256,7 +257,7 @@ def _recognise_yaml(start: bytes) -> Media:
 
 def _recognise_zip(head: bytes) -> Media:
     """Return what a ZIP holds by the names in its first local headers (APPNOTE 4.3.7)."""
-    names = [name.lower() for name in _names_in(head) if not name.endswith(b"/")]
+    names = [name.lower() for name in _names_in(head) if not _BY_THE_WAY.search(name)]
     if names and names[0].endswith((b".usdc", b".usda", b".usd")):
         return USDZ
     if any(name.endswith((b".yaml", b".yml", b".pgm")) for name in names):

@@ -256,3 +256,11 @@ def test_sizes_are_bounded(tmp_path: Path) -> None:
         load_building_yaml(path, bounds=Bounds(max_yaml_bytes=100))
     with pytest.raises(DrawingTooComplex):
         load_building_yaml(path, bounds=Bounds(max_yaml_nodes=50))
+
+
+def test_the_collected_building_has_the_scale_that_its_writer_typed(shared_cases: Path) -> None:
+    reading = load_building_yaml(shared_cases / "45-rmf-one-measurement" / "plain.building.yaml")
+    assert (reading.scale.state, reading.unit) == ("found", "m")
+    assert reading.scale.metres_per_unit == pytest.approx(0.02)
+    ends = np.vstack([wall.centre for wall in reading.walls])
+    assert np.ptp(ends, axis=0) == pytest.approx([19.7, 11.7], abs=0.01)

@@ -5,7 +5,6 @@ from __future__ import annotations
 import hashlib
 import io
 import json
-import subprocess
 import sys
 from collections.abc import Iterator
 from contextlib import closing
@@ -21,20 +20,10 @@ from tusclient.storage.filestorage import FileStorage
 
 from tests import files
 from tests.bad_network import bad_network
-from tests.server import ROOT, ClientFor, Server
+from tests.foreign.tus_js import TusJs
+from tests.server import ClientFor, Server
 
-CLIENTS = ROOT / "build" / "foreign-clients"
-DRIVER = ROOT / "tests" / "foreign" / "tus_upload.mjs"
-NODE = Path(sys.executable).with_name("node")
 POINTS = 20_000
-
-
-@pytest.fixture(scope="session")
-def tus_js() -> Path:
-    """Give the folder of tus-js-client; the test is skipped where it could not be fetched."""
-    if not (CLIENTS / "node_modules" / "tus-js-client" / "package.json").is_file():
-        pytest.skip("tus-js-client is not there: tools/setup --tests fetches it from npm")
-    return CLIENTS
 
 
 @dataclass
@@ -89,26 +78,10 @@ def desk(
     assert len(made.scans()) <= 1
 
 
-def by_tus_js(folder: Path, desk: Desk, *, url: str | None = None, **order: Any) -> dict[str, Any]:
+def by_tus_js(tus_js: TusJs, desk: Desk, *, url: str | None = None, **order: Any) -> dict[str, Any]:
     """Return the story of an upload by tus-js-client."""
     options = {"metadata": desk.metadata, **order.pop("options", {})}
-    told = {
-        "endpoint": f"{url or desk.server.url}/v1/tus",
-        "headers": {"Authorization": desk.key},
-        "file": str(desk.file),
-        "options": options,
-        **order,
-    }
-    run = subprocess.run(
-        [str(NODE), str(DRIVER), str(folder)],
-        input=json.dumps(told),
-        capture_output=True,
-        text=True,
-        check=False,
-    )
-    assert run.returncode == 0, run.stderr
-    story: dict[str, Any] = json.loads(run.stdout)
-    return story
+    return tus_js(url or desk.server.url, desk.key, desk.file, options=options, **order)
 
 
 # what Uppy hands to tus-js-client for a file: its own metadata, in its order
@@ -127,7 +100,7 @@ WAYS: dict[str, dict[str, Any]] = {
 
 
 @pytest.mark.parametrize("way", list(WAYS))
-def test_tus_js_client_uploads(way: str, tus_js: Path, desk: Desk, tmp_path: Path) -> None:
+def test_tus_js_client_uploads(way: str, tus_js: TusJs, desk: Desk, tmp_path: Path) -> None:
     order = json.loads(json.dumps(WAYS[way]))
     if order.get("stream"):
         order["options"]["uploadSize"] = len(desk.content)
@@ -145,7 +118,7 @@ def test_tus_js_client_uploads(way: str, tus_js: Path, desk: Desk, tmp_path: Pat
         assert story["requests"].count(["PATCH", 204]) == -(-len(desk.content) // 70_000)
 
 
-def test_uppys_metadata_is_taken_and_told_again(tus_js: Path, desk: Desk) -> None:
+def test_uppys_metadata_is_taken_and_told_again(tus_js: TusJs, desk: Desk) -> None:
     told = UPPYS | {"map_id": desk.map_id, "kind": "scan"}
     story = by_tus_js(tus_js, desk, options={"metadata": told, "chunkSize": 200_000})
     assert (story["ended"], desk.scans()[0]["file_name"]) == ("done", "hall 1.ply")
@@ -153,7 +126,7 @@ def test_uppys_metadata_is_taken_and_told_again(tus_js: Path, desk: Desk) -> Non
     assert [pair.partition(" ")[0] for pair in head.headers["upload-metadata"].split(",")] == list(told)
 
 
-def test_a_bad_network_costs_tus_js_client_no_file(tus_js: Path, desk: Desk) -> None:
+def test_a_bad_network_costs_tus_js_client_no_file(tus_js: TusJs, desk: Desk) -> None:
     with bad_network(desk.server.url, rate=400_000.0, cut_every_s=0.35) as network:
         story = by_tus_js(tus_js, desk, url=network.url, options={"chunkSize": 50_000}, retryDelays=[50] * 60)
         assert network.cuts > 0
@@ -175,7 +148,7 @@ REFUSED: dict[str, tuple[dict[str, Any], str, int]] = {
 
 
 @pytest.mark.parametrize("what", list(REFUSED))
-def test_what_is_not_offered_is_told_to_tus_js_client(what: str, tus_js: Path, desk: Desk) -> None:
+def test_what_is_not_offered_is_told_to_tus_js_client(what: str, tus_js: TusJs, desk: Desk) -> None:
     options, slug, status = REFUSED[what]
     before = desk.pending()
     story = by_tus_js(tus_js, desk, options=options, stream="uploadLengthDeferred" in options)
@@ -186,7 +159,7 @@ def test_what_is_not_offered_is_told_to_tus_js_client(what: str, tus_js: Path, d
     assert desk.scans() == []
 
 
-def test_tus_js_client_gives_an_upload_up(tus_js: Path, desk: Desk) -> None:
+def test_tus_js_client_gives_an_upload_up(tus_js: TusJs, desk: Desk) -> None:
     before = desk.pending()
     story = by_tus_js(tus_js, desk, stopAfter=70_000, terminate=True, options={"chunkSize": 70_000})
     assert story["ended"] == "stopped", story

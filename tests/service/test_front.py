@@ -9,12 +9,15 @@ import socket
 import ssl
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 from urllib.parse import urlsplit
 
 import httpx
 import pytest
 
 from service.settings import Settings
+from tests import files
+from tests.foreign.tus_js import TusJs
 from tests.front import PREFIX, Front, fronted
 from tests.server import Server, running, start
 from tests.service.asking import a_map, ok, refused
@@ -196,3 +199,24 @@ def test_the_front_gives_no_metrics(fronts: tuple[Server, Front], path: str) -> 
             answer = b"".join(iter(lambda: connection.recv(65536), b""))
         assert answer.startswith(b"HTTP/1.1 404"), answer
         assert b"groundplan_" not in answer
+
+
+@pytest.mark.parametrize("options", [{}, {"uploadDataDuringCreation": True}, {"chunkSize": 400_000}], ids=str)
+def test_a_client_of_others_uploads_through_the_front(
+    tus_js: TusJs,
+    fronts: tuple[Server, Front],
+    clients: tuple[httpx.Client, httpx.Client, str],
+    tmp_path: Path,
+    options: dict[str, Any],
+) -> None:
+    _, front, place = clients
+    content = files.ply(files.room(80_000, seed=len(str(options))))
+    (tmp_path / "r.ply").write_bytes(content)
+    metadata = {"map_id": place.split("/")[3], "kind": "scan", "name": "r.ply", "type": ""}
+    key = f"Bearer {fronts[0].admin_key}"
+    told = {"metadata": metadata, **options}
+    nginx = fronts[1]
+    story = tus_js(nginx.url, key, tmp_path / "r.ply", trusting=nginx.certificate, options=told)
+    assert story["ended"] == "done", story
+    scan = ok(front.get(story["Groundplan-Result"]))
+    assert scan["sha256"] == hashlib.sha256(content).hexdigest()

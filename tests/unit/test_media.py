@@ -65,6 +65,9 @@ KINDS = {
     b"PK\x03\x04": "application/zip",
     _zipped("word/document.xml", "map.docx"): "application/zip",
     _zipped("maps/", "maps/map.yaml", "maps/map.pgm"): "application/vnd.groundplan.ros-map+zip",
+    _zipped("plant/", "plant/.DS_Store", "__MACOSX/._x", "plant/map.png"): (
+        "application/vnd.groundplan.ros-map+zip"
+    ),
     _zipped("map.png", "map.yaml"): "application/vnd.groundplan.ros-map+zip",
     _zipped("scan.usdc", "0/texture.png"): "model/vnd.usdz+zip",
     b"PXR-USDC\0\x08": "model/vnd.usd",

@@ -189,7 +189,7 @@ async def create_upload(
     creation: Annotated[_Creation, Depends(_creation)],
     checksum: Annotated[Checksum | None, Depends(_checksum)],
 ) -> Response:
-    """Begin an upload in pieces; `Location` is where the pieces go, `Upload-Expires` until when.
+    """Begin an upload in pieces; `Location` (a path) is where the pieces go, `Upload-Expires` until when.
 
     The body may be the first piece, or all of the file, of the content type
     `application/offset+octet-stream`: `Upload-Offset` tells how much of it is stored, and the rest of the
@@ -198,7 +198,7 @@ async def create_upload(
     brings_piece = has_piece(request)
     if brings_piece:
         refuse_by_length(request, max_bytes=creation.size_bytes)
-    done = await run_in_threadpool(_begin, request, desk, creation)
+    done = await run_in_threadpool(_begin, desk, creation)
     answer = respond(done)
     if brings_piece:
         location = done.headers["Location"]
@@ -284,7 +284,7 @@ async def override_method(request: Request, desk: Desk, upload_id: str) -> Respo
     )
 
 
-def _begin(request: Request, desk: _Desk, creation: _Creation) -> Answered:
+def _begin(desk: _Desk, creation: _Creation) -> Answered:
     def act(session: Session) -> Answered:
         upload = begin_upload(
             desk.kernel,
@@ -297,8 +297,7 @@ def _begin(request: Request, desk: _Desk, creation: _Creation) -> Answered:
             expiry_s=desk.limits.upload_expiry_s,
         )
         begun.append(upload.id)
-        location = f"{problems.base_url_of(request)}{router.prefix}/{upload.id}"
-        return Answered(201, {"Location": location, **_expiry(upload)})
+        return Answered(201, {"Location": f"{router.prefix}/{upload.id}", **_expiry(upload)})
 
     with begun_whole(desk.kernel, desk.pieces) as begun:
         return answer_once(desk.kernel, desk.actor, point="create-upload", request=creation.once, act=act)
