@@ -123,15 +123,21 @@ class ByHand:
                 record_scan_reading(self.kernel, session, attempt, reading={"points": 3}, files=files)
         return scan_id
 
-    def build(self, job_id: str, *, cloud: bytes = CLOUD, more: Mapping[str, bytes] | None = None) -> None:
-        """End the build of a revision well, with `more` files."""
-        attempt = self.claim(job_id)
+    def build(
+        self,
+        job_id: str,
+        *,
+        cloud: bytes = CLOUD,
+        more: Mapping[str, bytes] | None = None,
+        without: Mapping[str, dict[str, Any]] | None = None,
+    ) -> None:
+        """End the build of a revision well, with `more` files; `without` some, with the finding of each."""
+        attempt, gone = self.claim(job_id), without or {}
         contents = {"point-cloud.pcd": cloud, "preview.png": PICTURE, "report.json": b"{}", **(more or {})}
-        files = {path: self.keep(content) for path, content in contents.items()}
+        files = {path: self.keep(content) for path, content in contents.items() if path not in gone}
+        report = {"points": 1, **({"findings": [*gone.values()]} if gone else {})}
         with self.kernel.db.writing("record-revision") as session:
-            record_revision(
-                self.kernel, session, attempt, report={"points": 1}, version="by hand", files=files
-            )
+            record_revision(self.kernel, session, attempt, report=report, version="by hand", files=files)
 
     def place(self, job_id: str, *, verdict: str = "accepted") -> None:
         """End a placement with a verdict."""

@@ -116,3 +116,19 @@ def _race(server: Server) -> None:
 
 def test_one_of_several_moves_wins_on_sqlite(server: Server) -> None:
     _race(server)
+
+
+def test_a_revision_without_its_picture_is_published_and_tells_of_it(
+    admin: httpx.Client, by_hand: ByHand, client_for: ClientFor
+) -> None:
+    map_id, told = a_map(admin), {"code": "file-not-made", "files": ["preview.png"]}
+    made = ok(admin.post(f"/v1/maps/{map_id}/revisions", json={"drawing_id": by_hand.drawing(map_id)}), 202)
+    by_hand.build(made["job"]["id"], without={"preview.png": told})
+    where = f"/v1/maps/{map_id}/revisions/1"
+    assert (ok(admin.get(where))["status"], ok(admin.get(where))["report"]["findings"]) == ("ready", [told])
+    refused(admin.get(f"{where}/artifacts/preview.png"), 404, "artifact-not-found")
+    ok(admin.post(f"{where}/publish", json={}))
+    robot = client_for("robot", [map_id])
+    files = ok(robot.get(f"/v1/maps/{map_id}/published"))["artifacts"]
+    assert "preview.png" not in {file["path"] for file in files}
+    assert all(robot.get(file["url"]).status_code == 200 for file in files)

@@ -13,7 +13,7 @@ from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from service.domain.recipe import Recipe
 from service.domain.region import Region
-from worker.formats import preview
+from worker.formats.for_people import write_picture, write_what_can_be
 from worker.formats.occupancy import write_occupancy
 from worker.formats.octree import write_octree
 from worker.formats.package import write_coded, write_manifest, write_package
@@ -71,7 +71,8 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         ``point-cloud.pcd`` (its points tile by tile), ``tiles/<sha256>.pcd``,
         ``pointcloud_map_metadata.yaml``, ``map_projector_info.yaml``, ``occupancy-grid.pgm``,
         ``occupancy-grid.yaml``, ``walls.geojson``, ``manifest.json``, ``package.tar``, ``octree.json``,
-        ``octree.bin``, ``preview.png``, ``report.json``, and the large ones once more as ``<name>.zst``.
+        ``octree.bin``, ``preview.png``, ``report.json``, and the large ones once more as ``<name>.zst``. Of
+        octree and preview, which no robot needs, one that cannot be made is a finding in ``report.json``.
 
     Raises
     ------
@@ -102,12 +103,16 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         raise NoWallsFound("Everything is erased: there is nothing left that a map could be made of.")
     tell("files", 0.4)
     paths = _for_robots(directory, cloud, grid, walls, columns)
-    tell("octree", 0.7)
-    paths += write_octree(directory, cloud)
-    tell("preview", 0.8)
-    paths.append(directory / "preview.png")
-    _picture(paths[-1], walls, columns, cloud)
-    paths.append(directory / "report.json")
+    tell("viewing", 0.7)
+    shown, not_made = write_what_can_be(
+        directory,
+        {
+            ("octree.bin", "octree.json"): lambda: write_octree(directory, cloud),
+            ("preview.png",): lambda: write_picture(directory / "preview.png", walls, columns, cloud),
+        },
+    )
+    findings = [*findings, *not_made]
+    paths += [*shown, directory / "report.json"]
     write_json(paths[-1], _report(cloud, walls, columns, layers, recipe, inputs, findings), indent=2)
     tell("done", 1.0)
     return paths
@@ -131,23 +136,6 @@ def _for_robots(
     manifest = write_manifest(directory, files, tiles, points=len(cloud))
     package = write_package(directory, manifest, files)
     return [*files, manifest, package, *(write_coded(file) for file in (pcd, image, geojson))]
-
-
-def _picture(path: Path, walls: Sequence[Wall], columns: Sequence[Column], cloud: PointCloud) -> None:
-    lines = [f for w in walls for f in w.faces] + [c.outline for c in columns]
-    layer_points = cloud.points[cloud.labels == Label.LAYER, :2]
-    every = np.vstack([*lines, layer_points])
-    drawn = [
-        preview.Drawn(
-            preview.COLUMN, lines=tuple(np.vstack([c.outline, c.outline[:1]]) for c in columns), width=2
-        ),
-        preview.Drawn(preview.WALL, lines=tuple(f for w in walls for f in w.faces), width=2),
-        preview.Drawn(preview.LAYER, points=layer_points),
-    ]
-    low, high = every.min(axis=0) - 0.5, every.max(axis=0) + 0.5
-    preview.write_preview(
-        path, drawn, low=(float(low[0]), float(low[1])), high=(float(high[0]), float(high[1]))
-    )
 
 
 def _report(
