@@ -8,6 +8,7 @@ from hypothesis.extra import numpy as npst
 from numpy.typing import NDArray
 
 from service.domain.errors import CoordinatesTooLarge
+from worker.geometry.cloud import voxel_grid
 from worker.geometry.cloud.point_cloud import Label, PointCloud
 from worker.geometry.cloud.voxel_grid import Keep, filter_cloud, voxel_grid_filter, voxel_index
 
@@ -74,3 +75,9 @@ def test_coordinates_that_float32_cannot_tell_apart_are_refused() -> None:
 def test_a_voxel_without_edge_is_a_defect() -> None:
     with pytest.raises(ValueError, match="positive edge"):
         voxel_grid_filter(np.zeros((1, 3)), 0.0)
+
+
+@pytest.mark.parametrize("reach", [3, 1 << 20, 1 << 40])
+def test_voxels_come_in_one_order_however_far_they_reach(rng: np.random.Generator, reach: int) -> None:
+    index = rng.integers(-reach, reach, (2_000, 3))
+    assert np.array_equal(voxel_grid._order(index), np.lexsort(index.T))

@@ -17,13 +17,15 @@ from tests.formats import cad_plans, ifc_models, pdf_writer
 
 Point = tuple[float, float]
 
-_SIZE = (420, 300)
+SIZE = (420, 300)
+"""Of the drawings in pixels."""
+
 _GUID = re.compile(r"'[0-9A-Za-z_$]{22}'")
 
 
 def plan_image(mode: str = "L") -> Image.Image:
     """Return a plan of two rooms with a door, a dimension and a text, 420 x 300 pixels."""
-    image = Image.new("L", _SIZE, 255)
+    image = Image.new("L", SIZE, 255)
     draw = ImageDraw.Draw(image)
     draw.rectangle((40, 40, 380, 230), outline=0, width=7)
     draw.line([(210, 40), (210, 110)], fill=0, width=4)

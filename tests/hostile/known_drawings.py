@@ -129,15 +129,23 @@ def _claiming_bmp() -> bytes:
     return bytes(content)
 
 
-def _claiming_tiff(kind: str) -> bytes:
-    """Return a TIFF whose directory claims another width and height (tags 256 and 257)."""
-    content = bytearray(drawings.MAKERS[kind]())
+def _tiff(mode: str, compression: str) -> bytes:
+    sink = io.BytesIO()
+    drawings.plan_image(mode).save(sink, "TIFF", compression=compression)
+    return sink.getvalue()
+
+
+def _claiming_tiff(right: bytes, *, strips: bool = True) -> bytes:
+    """Return a TIFF whose directory claims another width and height (tags 256, 257), in one strip (278)."""
+    content = bytearray(right)
     at = struct.unpack_from("<I", content, 4)[0]
     for k in range(struct.unpack_from("<H", content, at)[0]):
         entry = at + 2 + 12 * k
         tag = struct.unpack_from("<H", content, entry)[0]
         if tag in (256, 257):
             struct.pack_into("<HII", content, entry + 2, 4, 1, _CLAIM[tag - 256])
+        if tag == 278 and not strips:
+            struct.pack_into("<HII", content, entry + 2, 4, 1, _CLAIM[1])
     return bytes(content)
 
 
@@ -160,6 +168,23 @@ def _claiming_lossless_webp() -> bytes:
 
 def _claiming_pgm(kind: bytes) -> bytes:
     return kind + b"\n%d %d\n255\n" % _CLAIM + bytes([48]) * 4000
+
+
+def _scanned(picture: bytes, packed_by: bytes, size: tuple[int, int]) -> bytes:
+    head = b"/Subtype/Image/Width %d/Height %d/BitsPerComponent 8/ColorSpace/DeviceGray/Filter/%s"
+    return pdf_writer.one_page(
+        b"q 210 0 0 150 0 0 cm /Im Do Q",
+        page=b"/MediaBox[0 0 210 150]",
+        resources=b"/XObject<</Im 6 0 R>>",
+        more=[
+            b"<<%s/Length %d>>stream\n" % (head % (*size, packed_by), len(picture)) + picture + b"\nendstream"
+        ],
+    )
+
+
+def _bomb() -> bytes:
+    packer, block = zlib.compressobj(9), b"\xff" * (1 << 20)
+    return b"".join(packer.compress(block) for _ in range(4096)) + packer.flush()
 
 
 # --- SVG: lengths -------------------------------------------------------------------------------------------
@@ -248,9 +273,34 @@ KNOWN_DRAWINGS: dict[str, Known] = {
     "PNG claiming 196 Mpx": _drawing(_claiming_png, "file-truncated"),
     "BMP claiming 196 Mpx": _drawing(_claiming_bmp, "file-truncated"),
     **{
-        f"{kind} claiming 196 Mpx": _drawing(lambda kind=kind: _claiming_tiff(kind), "file-malformed")
-        for kind in ("tiff", "fax.tiff", "tiles.tiff")
+        f"{kind} claiming 196 Mpx": _drawing(
+            lambda kind=kind: _claiming_tiff(drawings.MAKERS[kind]()), "file-malformed"
+        )
+        for kind in ("tiff", "tiles.tiff")
     },
+    **{
+        f"TIFF of {compression} claiming 196 Mpx in one strip": _drawing(
+            lambda m=mode, c=compression: _claiming_tiff(_tiff(m, c), strips=False), end
+        )
+        for mode, compression, end in (
+            ("1", "group4", "file-truncated"),
+            ("L", "jpeg", "file-truncated"),
+            ("L", "packbits", "file-malformed"),
+            ("L", "tiff_lzw", "file-malformed"),
+        )
+    },
+    "scanned PDF of a JPEG claiming 196 Mpx": _drawing(
+        lambda: _scanned(_claiming_jpeg(), b"DCTDecode", _CLAIM), "file-truncated"
+    ),
+    "scanned PDF of a cut JPEG": _drawing(
+        lambda: _scanned(drawings.MAKERS["jpeg"]()[:3000], b"DCTDecode", drawings.SIZE), "file-truncated"
+    ),
+    "scanned PDF of pixels claiming 196 Mpx": _drawing(
+        lambda: _scanned(zlib.compress(bytes(100_000)), b"FlateDecode", _CLAIM), "file-truncated"
+    ),
+    "scanned PDF of pixels that unpack to 4 GB": _drawing(
+        lambda: _scanned(_bomb(), b"FlateDecode", drawings.SIZE), "no-walls-found"
+    ),
     "WebP claiming 196 Mpx": _drawing(lambda: _claiming_webp("webp"), "file-malformed"),
     "lossless WebP claiming 196 Mpx": _drawing(_claiming_lossless_webp, "file-malformed"),
     "PGM claiming 196 Mpx": _drawing(lambda: _claiming_pgm(b"P5"), "image-too-large"),

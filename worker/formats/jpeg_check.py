@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-
 import simplejpeg
 
 from service.domain.errors import FileTruncated
@@ -17,8 +15,8 @@ _COARSEST = 8
 _WARNINGS = ("Corrupt JPEG data", "Inconsistent progression")
 
 
-def check_jpeg(path: Path) -> tuple[Finding, ...]:
-    """Return what is wrong with an image whose pixels can all be decoded.
+def check_jpeg(content: bytes, *, name: str) -> tuple[Finding, ...]:
+    """Return what is wrong with an image, called by this name, whose pixels can all be decoded.
 
     libjpeg paints grey over what is missing, and goes on behind broken places: it calls both a warning, which
     Pillow and OpenCV swallow. Here the data are decoded once more, at an eighth of the size, and every
@@ -34,14 +32,13 @@ def check_jpeg(path: Path) -> tuple[Finding, ...]:
     A block of 8 x 8 pixels takes one bit or more, if it is coded by Huffman (ITU-T T.81, annexes F and G):
     a file that is too small for its header is refused before a decoder takes memory for it.
     """
-    content = path.read_bytes()
     frame = _frame(content)
     if frame is not None:
         kind, width, height = frame
         least = width * height // _BLOCK_PIXELS // 8
         if kind in _HUFFMAN_FRAMES and len(content) < least:
             raise FileTruncated(
-                f"{path.name} is cut short: {width} x {height} pixels need {least} bytes or more, and it has "
+                f"{name} is cut short: {width} x {height} pixels need {least} bytes or more, and it has "
                 f"{len(content)}. Upload it again.",
                 width=width,
                 height=height,
@@ -49,15 +46,15 @@ def check_jpeg(path: Path) -> tuple[Finding, ...]:
     try:
         simplejpeg.decode_jpeg(content, colorspace="GRAY", min_factor=_COARSEST, strict=True)
     except ValueError as error:
-        return _judged(str(error), path)
+        return _judged(str(error), name)
     return ()
 
 
-def _judged(said: str, path: Path) -> tuple[Finding, ...]:
+def _judged(said: str, name: str) -> tuple[Finding, ...]:
     """Return what a refusal to decode strictly means: what cannot be decoded at all, Pillow says itself."""
     if "premature end" in said.lower():
         raise FileTruncated(
-            f"{path.name} holds fewer pixels than its header says ({said}): it is cut short, or damaged in "
+            f"{name} holds fewer pixels than its header says ({said}): it is cut short, or damaged in "
             "its middle. Upload it again."
         )
     if not said.startswith(_WARNINGS):

@@ -25,6 +25,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.linework_draft import Box, LineworkDraft
 from worker.formats.pdf_dictionary import PageFacts, read_page_facts
+from worker.formats.pdf_images import check_image
 from worker.formats.pdf_objects import Affine, PageObjects, PageWalk, compose
 from worker.formats.pdf_render import render_sheet
 from worker.formats.pdf_texts import page_texts
@@ -69,7 +70,7 @@ def load_pdf(
     Raises
     ------
     FileEmpty, FileTruncated, FileMalformed
-        If the document is damaged.
+        If the document is damaged, or a scan's image holds fewer pixels than it says.
     FileEncrypted
         If it opens only with a password.
     PageNeeded
@@ -244,7 +245,9 @@ def _load(
     cover = walk.found.image_cover(view.box)
     tell("load", 0.9)
     if cover >= _SCANNED_COVER and len(draft) < _DRAWN_STROKES:
-        dpi = max((i.dpi for i in walk.found.images if _is_large(i.box, view)), default=300.0)
+        large = [i for i in walk.found.images if _is_large(i.box, view)]
+        findings += tuple(f for i in large for f in check_image(i.item, page))
+        dpi = max((i.dpi for i in large), default=300.0)
         coloured = any(i.is_coloured for i in walk.found.images) or len(draft) > 0
         sheet = render_sheet(
             page, size_mm=(view.width, view.height), dpi=dpi, is_coloured=coloured, bounds=bounds, tell=tell

@@ -44,11 +44,15 @@ def moved(m: Affine, x: float, y: float) -> Point:
 
 @dataclass
 class PageImage:
-    """Hold an image on a page: the box that it covers [mm], its pixels an inch, and whether it has colour."""
+    """Hold an image on a page: the box that it covers [mm], its pixels an inch, and whether it has colour.
+
+    `item` is pdfium's own, of the open page.
+    """
 
     box: Box
     dpi: float
     is_coloured: bool
+    item: Any
 
 
 @dataclass
@@ -286,7 +290,7 @@ class PageWalk:
         facts = pdfium.FPDF_IMAGEOBJ_METADATA()
         has = pdfium.FPDFImageObj_GetImageMetadata(item, None, byref(facts))
         self.found.images.append(
-            PageImage(box, wide.value * 25.4 / across, not has or facts.bits_per_pixel > 8)
+            PageImage(box, wide.value * 25.4 / across, not has or facts.bits_per_pixel > 8, item)
         )
 
 

@@ -92,6 +92,7 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
         pages = _pages(path, head)
         chosen = _chosen(pages, page, path)
         _check_tile(chosen, bounds, path)
+        _check_bytes(chosen, path)
         with _no_limit_of_pillow(), Image.open(path, formats=_FORMATS) as image:
             if chosen is not None and chosen.directory:
                 image.seek(chosen.directory)
@@ -99,7 +100,7 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
             orientation = int(image.getexif().get(_ORIENTATION_TAG, 1))
             dpi, findings = _resolution(image)
             if head.startswith(_JPEG):
-                findings.extend(check_jpeg(path))
+                findings.extend(check_jpeg(path.read_bytes(), name=path.name))
             image.load()
             turned_by_pillow = _ORIENTATION_TAG not in image.getexif()
             grey = darkest_channel(image)
@@ -211,6 +212,18 @@ def _check_tile(page: TiffPage | None, bounds: Bounds, path: Path) -> None:
         raise ImageTooLarge(
             f"{path.name} is stored in tiles of {page.tile_pixels} pixels; save it without tiles.",
             max_pixels=bounds.max_pixels,
+            width=page.width,
+            height=page.height,
+        )
+
+
+def _check_bytes(page: TiffPage | None, path: Path) -> None:
+    """Refuse a TIFF that is smaller than its page can be packed to."""
+    size = path.stat().st_size
+    if page is not None and size < page.least_bytes:
+        raise FileTruncated(
+            f"{path.name} is cut short: a page of {page.width} x {page.height} pixels needs "
+            f"{page.least_bytes} bytes or more, and the file has {size}. Upload it again.",
             width=page.width,
             height=page.height,
         )

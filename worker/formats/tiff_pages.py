@@ -10,8 +10,9 @@ from typing import BinaryIO
 from service.domain.errors import FileMalformed, FileTruncated
 
 _MOST_DIRECTORIES, _MOST_ENTRIES = 4096, 4096
-_SUBFILE_TYPE, _WIDTH, _HEIGHT, _TILE_WIDTH, _TILE_HEIGHT = 254, 256, 257, 322, 323
-_WANTED = (_SUBFILE_TYPE, _WIDTH, _HEIGHT, _TILE_WIDTH, _TILE_HEIGHT)
+_SUBFILE_TYPE, _WIDTH, _HEIGHT, _COMPRESSION, _TILE_WIDTH, _TILE_HEIGHT = 254, 256, 257, 259, 322, 323
+_WANTED = (_SUBFILE_TYPE, _WIDTH, _HEIGHT, _COMPRESSION, _TILE_WIDTH, _TILE_HEIGHT)
+_FAX, _JPEG = (2, 3, 4), 7
 _REDUCED_OR_MASK = 0b101
 _NUMBERS = {1: "B", 3: "H", 4: "I", 16: "Q"}
 
@@ -28,12 +29,25 @@ class TiffPage:
         As stored, before any orientation [px].
     tile_pixels : int
         Pixels of one tile, 0 where the page is stored in strips.
+    compression : int
+        Tag 259; 1 is none.
     """
 
     directory: int
     width: int
     height: int
     tile_pixels: int
+    compression: int = 1
+
+    @property
+    def least_bytes(self) -> int:
+        """Return the fewest bytes that its pixels can be packed to, where libtiff paints over missing ones.
+
+        A bit for each row of a fax (ITU-T T.4, T.6), and for each 8 x 8 block of a JPEG (ITU-T T.81).
+        """
+        if self.compression in _FAX:
+            return self.height // 8
+        return self.width * self.height // (8 * 8) // 8 if self.compression == _JPEG else 0
 
 
 def list_tiff_pages(path: Path) -> tuple[TiffPage, ...]:
@@ -66,7 +80,7 @@ def list_tiff_pages(path: Path) -> tuple[TiffPage, ...]:
             if not tags.get(_SUBFILE_TYPE, 0) & _REDUCED_OR_MASK:
                 size = (tags.get(_WIDTH, 0), tags.get(_HEIGHT, 0))
                 tile = tags.get(_TILE_WIDTH, 0) * tags.get(_TILE_HEIGHT, 0)
-                pages.append(TiffPage(len(seen) - 1, *size, tile))
+                pages.append(TiffPage(len(seen) - 1, *size, tile, tags.get(_COMPRESSION, 1)))
     if not pages:
         raise FileMalformed(f"{path.name} has no page; export the drawing anew.")
     return tuple(pages)

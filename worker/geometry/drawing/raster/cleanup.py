@@ -7,6 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
+from worker.geometry.drawing.raster.opening import opened
 from worker.geometry.drawing.raster.parts import Parts
 from worker.geometry.drawing.raster.squeeze import Squeezed
 from worker.geometry.drawing.raster.strokes import Strokes
@@ -127,9 +128,7 @@ def _dots(
     parts: Parts, least: int, metres_per_px: float
 ) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.int64]]:
     """Return middles (D, 2), radii and parts of the round solid spots at least so wide [working px]."""
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (least, least))
-    solid = cv2.morphologyEx((parts.labels > 0).view(np.uint8), cv2.MORPH_OPEN, kernel)
-    squeezed = Squeezed.of(np.asarray(solid, dtype=np.bool_))
+    squeezed = Squeezed.of(opened(parts.labels > 0, least))
     _, _labels, stats, centres = cv2.connectedComponentsWithStats(
         squeezed.mask.view(np.uint8), connectivity=8
     )

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from worker.geometry.drawing.raster.ink import Ink
+from worker.geometry.drawing.raster.opening import opened
 from worker.geometry.drawing.raster.pairs import Pairs
 from worker.geometry.drawing.raster.squeeze import Squeezed
 from worker.geometry.drawing.raster.strokes import Strokes, find_strokes
@@ -36,8 +37,7 @@ def thick_mask(ink: Ink, mask: NDArray[np.bool_], line_width: float) -> NDArray[
         _THICK_PX * ink.metres_per_px,
     )
     diameter = max(3, int(np.ceil(least / ink.metres_per_px)))
-    kernel = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (diameter, diameter))
-    return np.asarray(cv2.morphologyEx(mask.astype(np.uint8), cv2.MORPH_OPEN, kernel), dtype=np.bool_)
+    return opened(mask, diameter)
 
 
 def filled_walls(
