@@ -14,9 +14,9 @@ from service.domain.errors import FileEmpty, FileMalformed, FileTruncated
 from worker.formats.mesh import fan
 from worker.formats.scan_checks import check_count, cloud_of, mesh_of
 from worker.formats.scratch import scratch_folder
+from worker.formats.usd_layers import MOST_PARTS, check_parts, own_layers
 from worker.geometry.scan.file_scan import FileScan, Statement
 
-_MOST_PRIMS = 100_000
 _NAMES = ((b"PK\x03\x04", ".usdz"), (b"PXR-USDC", ".usdc"), (b"#usda", ".usda"))
 _TRAILER = b"PK\x05\x06"
 
@@ -36,7 +36,7 @@ def load_usd(path: Path, *, bounds: Bounds) -> FileScan:
     Notes
     -----
     ``upAxis`` and ``metersPerUnit`` are taken from the stage where the file holds them; USD's fallbacks (y
-    and centimetres) are not taken for statements. Files that the scene refers to are not looked for.
+    and centimetres) are not taken for statements. Files that the scene refers to are never opened.
     """
     with path.open("rb") as file:
         head = file.read(8)
@@ -50,7 +50,9 @@ def load_usd(path: Path, *, bounds: Bounds) -> FileScan:
         named.symlink_to(path.resolve())
         try:
             Ar.SetPreferredResolver("ArDefaultResolver")
-            stage = Usd.Stage.Open(str(named), Usd.Stage.LoadNone)
+            layers = own_layers(str(named))
+            check_parts(layers)
+            stage = Usd.Stage.Open(layers[0], Usd.Stage.LoadNone)
             return _read(stage, bounds=bounds)
         except Tf.ErrorException as error:
             raise FileMalformed(f"The USD file breaks its format: {str(error).strip()[-160:]}.") from error
@@ -60,8 +62,8 @@ def _read(stage: Any, *, bounds: Bounds) -> FileScan:
     world = UsdGeom.XformCache(Usd.TimeCode.EarliestTime())
     vertices, triangles, clouds, before = [], [], [], 0
     for number, prim in enumerate(stage.Traverse(Usd.TraverseInstanceProxies())):
-        if number >= _MOST_PRIMS:
-            raise FileMalformed(f"The USD scene has more than the {_MOST_PRIMS} parts that are read.")
+        if number >= MOST_PARTS:
+            raise FileMalformed(f"The USD scene has more than the {MOST_PARTS} parts that are read.")
         if not prim.IsA(UsdGeom.PointBased):
             continue
         points = _placed(UsdGeom.PointBased(prim), world)
