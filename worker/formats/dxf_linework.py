@@ -94,16 +94,19 @@ def _near(part: Part) -> tuple[Part, int]:
     bad = np.zeros(count, dtype=np.bool_)
     bad[present[far]] = True
     out = bad[part.entity]
-    box = part.ends[~out].reshape(-1, 2)
-    texts = [t for t in part.texts if _inside(t.x, t.y, box, _FAR * max(usual, size))]
-    arcs = part.arcs[[_inside(a[0], a[1], box, _FAR * max(usual, size)) for a in part.arcs]]
+    reach, places = _FAR * max(usual, size), part.ends[~out].reshape(-1, 2)
+    box = (places.min(axis=0) - reach, places.max(axis=0) + reach)
+    at = np.array([(t.x, t.y) for t in part.texts], dtype=np.float64).reshape(-1, 2)
+    texts = [part.texts[k] for k in np.flatnonzero(_inside(at, *box)).tolist()]
+    arcs = part.arcs[_inside(part.arcs[:, :2], *box)]
     kept = replace(part, ends=part.ends[~out], entity=part.entity[~out], texts=texts, arcs=arcs)
     return kept, int(out.sum())
 
 
-def _inside(x: float, y: float, points: NDArray[np.float64], reach: float) -> bool:
-    low, high = points.min(axis=0) - reach, points.max(axis=0) + reach
-    return bool(low[0] <= x <= high[0] and low[1] <= y <= high[1])
+def _inside(
+    points: NDArray[np.float64], low: NDArray[np.float64], high: NDArray[np.float64]
+) -> NDArray[np.bool_]:
+    return np.asarray(((low <= points) & (points <= high)).all(axis=1), dtype=np.bool_)
 
 
 def _table(

@@ -16,7 +16,9 @@ COARSE_POINTS = 120_000
 POINTS_PER_SQUARE_METRE = 2_500.0
 """Density of the points on a mesh: one for each square of 2 cm."""
 
-MOST_POINTS_OF_A_MESH = 3_000_000
+MOST_POINTS_OF_A_MESH = 1_500_000
+"""Those of 600 square metres: a larger mesh gets fewer a square metre, and costs no more to read."""
+
 FEWEST_POINTS_OF_A_MESH = 1_000
 
 
