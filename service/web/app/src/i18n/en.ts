@@ -65,6 +65,7 @@ const en = {
   "draw.length": "Length", "draw.lengthUnit": "Unit of the length", "draw.reasons": "reasons", "draw.apply": "Apply", "draw.undo": "Undo", "draw.redo": "Redo", "draw.save": "Save and read again", "draw.build": "Build a revision", "draw.scaleIs": "Scale", "draw.unknown": "Not known: click two points whose distance you know.", "draw.unit": "pixel or drawing unit",
   "draw.findings": "What was noticed", "draw.reading": "Reading the drawing", "draw.layers": "Kept and set aside", "draw.confidence": "Confidence", "draw.tools": "Tools", "draw.corrections": "Corrections", "draw.noCorrections": "None yet. They are kept with the drawing, and hold for its next issue too.",
   "draw.nearer": "Nearer", "draw.farther": "Farther", "draw.fit": "Whole sheet", "draw.under": "It is put under the layers of revision", "draw.voxel": "Voxel size [m]", "draw.height": "Wall height [m]", "draw.floor": "with a floor", "draw.ceiling": "with a ceiling",
+  "storage.full": "The server's disk is full. Uploads and jobs wait until an admin has made room; everything stored can be viewed and downloaded.",
   "edit.include": "Only this part", "edit.exclude": "Not this part", "edit.add-wall": "Draw a wall", "edit.erase-walls": "Erase walls", "scale.given": "Given", "scale.found": "Found", "scale.unknown": "Not known",
 } as const;
 

@@ -67,6 +67,7 @@ const ja: Words = {
   "draw.length": "長さ", "draw.lengthUnit": "長さの単位", "draw.reasons": "件の理由", "draw.apply": "適用", "draw.undo": "元に戻す", "draw.redo": "やり直す", "draw.save": "保存して読み直す", "draw.build": "リビジョンを作る", "draw.scaleIs": "縮尺", "draw.unknown": "不明です。距離のわかる2点をクリックしてください。", "draw.unit": "画素または図面単位",
   "draw.findings": "気づいた点", "draw.reading": "図面を読み取り中", "draw.layers": "採用と除外", "draw.confidence": "信頼度", "draw.tools": "ツール", "draw.corrections": "修正", "draw.noCorrections": "まだありません。修正は図面とともに保存され、次の版にも引き継がれます。",
   "draw.nearer": "拡大", "draw.farther": "縮小", "draw.fit": "全体", "draw.under": "レイヤーはそのままで図面を差し替える元のリビジョン:", "draw.voxel": "ボクセルの大きさ [m]", "draw.height": "壁の高さ [m]", "draw.floor": "床あり", "draw.ceiling": "天井あり",
+  "storage.full": "サーバーのディスクがいっぱいです。管理者が空きを作るまで、アップロードとジョブは待機します。保存済みのものは閲覧・ダウンロードできます。",
   "edit.include": "この部分だけ", "edit.exclude": "この部分以外", "edit.add-wall": "壁を描く", "edit.erase-walls": "壁を消す", "scale.given": "指定", "scale.found": "検出", "scale.unknown": "不明",
 };
 

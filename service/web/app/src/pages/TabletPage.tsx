@@ -3,6 +3,7 @@ import { all, get, type Page, type Revision, type SiteMap } from "../api/client"
 import { useLoaded } from "../api/live";
 import { kept, newParcel, type Parcel, type Rough } from "../api/parcels";
 import { t } from "../i18n";
+import { FullStorage } from "../ui/FullStorage";
 import { HowTo } from "../ui/HowTo";
 import { Failure, Loading } from "../ui/parts";
 import { TapPlan, wallsOf, type Walls } from "../view/TapPlan";
@@ -81,6 +82,7 @@ export default function TabletPage() {
         <h1>{titles[step]}</h1><span class="spread" />
         <a class="button" href="/#/">{t("nav.overview")}</a>
       </div>
+      <FullStorage />
       {step === "how" && <HowTo begin={() => setStep("map")} />}
       {step === "map" && <Chosen choose={(one) => { setMap(one); setStep("file"); }} />}
       {step === "file" && (

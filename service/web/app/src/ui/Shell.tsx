@@ -1,6 +1,7 @@
 import type { ComponentChildren } from "preact";
 import { remove, type Session } from "../api/client";
 import { choose, language, languages, named, t } from "../i18n";
+import { FullStorage } from "./FullStorage";
 
 interface ShellProps {
   session: Session;
@@ -58,7 +59,7 @@ export function Shell({ session, path, signedOut, languageChanged, children }: S
         <button class="plain" type="button" onClick={turnTheme} aria-label={t("theme")} title={t("theme")}>◐</button>
         <button class="plain" type="button" onClick={() => void leave()}>{t("signOut")}</button>
       </header>
-      <main id="content" tabIndex={-1}>{children}</main>
+      <main id="content" tabIndex={-1}><FullStorage />{children}</main>
     </>
   );
 }
