@@ -100,6 +100,8 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
                 log_config=None,
                 access_log=False,
                 server_header=False,
+                proxy_headers=bool(settings.fronts()),
+                forwarded_allow_ips=settings.fronts(),
                 http=Http,
                 headers=headers_of_all_answers(
                     hsts_s=settings.hsts_s if settings.is_reached_by_https() else 0

@@ -18,6 +18,7 @@ from starlette.concurrency import run_in_threadpool
 from starlette.types import ASGIApp
 
 from service.api import openapi, problems
+from service.api.addresses import Addresses
 from service.api.deps import JSON_BODY_BYTES, Limits
 from service.api.drain import Drain
 from service.api.edge import Edge
@@ -233,7 +234,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.routers = _ROUTERS
     app.state.figures = figures
     app.state.front_prefix = settings.front_prefix
-    app.state.public_url = settings.public_url
+    app.state.addresses = Addresses(settings.public_url, hosts=settings.hosts())
     app.state.broadcast = broadcast
     app.state.limits = Limits(
         max_upload_bytes=settings.max_upload_bytes,

@@ -26,12 +26,25 @@ class Settings(BaseSettings):
         None,
         description="SQLAlchemy URL (`postgresql+psycopg://...`); by default SQLite in the data folder.",
     )
+    database_password_file: Path | None = Field(
+        None, description="File with the database's password, where the URL has none."
+    )
     host: str = Field("127.0.0.1", description="Address on which the service listens.")
     port: int = Field(
         8000, ge=0, le=65535, description="Port on which the service listens; 0 takes a free one."
     )
     public_url: str | None = Field(
         None, description="Address under which clients reach the service, for links in answers."
+    )
+    trusted_hosts: str | None = Field(
+        None,
+        description="Names, comma-separated, that links in answers may have beside this machine's own, where"
+        " no public URL is set: what else a request's `Host` says is not believed.",
+    )
+    front_networks: str | None = Field(
+        None,
+        description="Addresses or networks, comma-separated, of fronts whose `X-Forwarded-For` and"
+        " `X-Forwarded-Proto` are believed; by default nobody's are.",
     )
 
     tls_cert: Path | None = Field(
@@ -137,7 +150,7 @@ class Settings(BaseSettings):
         None, description="For tests: the crash point at which it kills itself: `name`, `name:n`, `@file`."
     )
 
-    @field_validator("webhook_networks")
+    @field_validator("webhook_networks", "front_networks")
     @classmethod
     def _are_networks(cls, value: str | None) -> str | None:
         parse_networks(value or "")
@@ -149,6 +162,14 @@ class Settings(BaseSettings):
             msg = "a certificate and its key belong together: give GROUNDPLAN_TLS_CERT and GROUNDPLAN_TLS_KEY"
             raise ValueError(msg)
         return self
+
+    def hosts(self) -> list[str]:
+        """Return the names that a request's `Host` may have beside this machine's own."""
+        return [name.strip() for name in (self.trusted_hosts or "").split(",") if name.strip()]
+
+    def fronts(self) -> list[str]:
+        """Return the networks of fronts whose forwarded headers are believed."""
+        return [str(network) for network in parse_networks(self.front_networks or "")]
 
     def is_reached_by_https(self) -> bool:
         """Return whether clients reach the service by HTTPS: by its own certificate, or a front's."""
@@ -167,7 +188,11 @@ class Settings(BaseSettings):
         return found
 
     def url(self) -> str:
-        """Return the database's SQLAlchemy URL."""
+        """Return the database's SQLAlchemy URL, with the password of its file."""
         if self.database_url is not None:
-            return self.database_url.get_secret_value()
+            url = self.database_url.get_secret_value()
+            if self.database_password_file is None:
+                return url
+            password = self.database_password_file.read_text(encoding="utf-8").strip()
+            return make_url(url).set(password=password).render_as_string(hide_password=False)
         return f"sqlite:///{(self.data_dir / 'groundplan.sqlite3').absolute()}"

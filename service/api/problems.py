@@ -16,6 +16,7 @@ from fastapi.responses import HTMLResponse, JSONResponse
 from starlette.exceptions import HTTPException
 from starlette.responses import Response
 
+from service.api.addresses import Addresses
 from service.api.methods import methods_at
 from service.domain.errors import (
     BodyNotTaken,
@@ -145,8 +146,8 @@ def install(app: FastAPI) -> None:
 
 def base_url_of(request: Request) -> str:
     """Return the address under which the client reaches this service, without a slash at its end."""
-    configured: str | None = request.app.state.public_url
-    return (configured or str(request.base_url)).rstrip("/")
+    addresses: Addresses = request.app.state.addresses
+    return addresses.base_url(request.scope)
 
 
 async def _on_refusal(request: Request, error: Exception) -> Response:

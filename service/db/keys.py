@@ -10,6 +10,7 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from service.db.models import Key
+from service.domain.lifecycle import Role
 
 _BATCH = 500
 
@@ -32,6 +33,21 @@ def valid_keys(session: Session, key_ids: Collection[str], *, now: datetime) -> 
         query = select(Key.id).where(Key.id.in_(wanted[begin : begin + _BATCH]), Key.revoked_at.is_(None))
         valid |= set(session.scalars(query.where(lasting)))
     return valid
+
+
+def lock_admin_keys(session: Session, *, now: datetime) -> Sequence[Key]:
+    """Return the valid admin keys of all maps; nobody else revokes one until the transaction ends.
+
+    On PostgreSQL the rows are locked, and one that was revoked while this waited is not among them; on
+    SQLite only one transaction writes at a time.
+    """
+    query = select(Key).where(
+        Key.role == Role.ADMIN.value,
+        Key.revoked_at.is_(None),
+        or_(Key.expires_at.is_(None), Key.expires_at > now),
+    )
+    rows = session.scalars(query.order_by(Key.id).with_for_update().execution_options(populate_existing=True))
+    return [key for key in rows if key.map_ids is None]
 
 
 def list_keys(session: Session, *, after: str | None, limit: int) -> Sequence[Key]:

@@ -361,6 +361,17 @@ class VehicleTaken(Conflict):
     title = "The vehicle is enrolled already"
 
 
+class LastAdminKey(Conflict):
+    """No other admin key of all maps is valid for as long as this one: without it, nobody could make keys.
+
+    Make another by `POST /v1/keys` with the role `admin`, no `map_ids`, and no earlier `expires_at`; then
+    revoke this one with it. Where every admin key is lost, `groundplan key create --role admin` makes one on
+    the server.
+    """
+
+    title = "The last admin key cannot be revoked"
+
+
 class JobNotCancellable(Conflict):
     """The job has already ended."""
 

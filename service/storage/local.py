@@ -24,7 +24,7 @@ _noted: ContextVar[list[NewBlob] | None] = ContextVar("noted", default=None)
 
 
 class LocalStagedFile:
-    """A file being written under ``tmp/``; the lock on it says that a living process owns it."""
+    """A file being written under ``blobs/.tmp/``; the lock on it says that a living process owns it."""
 
     def __init__(self, store: LocalBlobStore, path: Path, *, max_bytes: int) -> None:
         self.path = path
@@ -92,7 +92,7 @@ class LocalStagedFile:
 
 
 class LocalBlobStore:
-    """Keep blobs as ``blobs/ab/<sha256>`` under a root folder, and what is being written under ``tmp/``.
+    """Keep blobs as ``blobs/ab/<sha256>`` under a root, and what is being written beside them.
 
     Parameters
     ----------
@@ -101,14 +101,15 @@ class LocalBlobStore:
 
     Notes
     -----
-    A blob appears by a rename after an fsync, so it is whole or not there, whatever kills the process
-    or the machine. Settling and sweeping take one lock (``blobs/.lock``), held for a rename or an unlink
-    alone: a blob that is stored again while it is being swept as an orphan survives.
+    What is being written lies in ``blobs/.tmp/``: on one file system with the blobs, also where these have
+    a volume of their own. A blob appears by a rename after an fsync, so it is whole or not there, whatever
+    kills the process or the machine. Settling and sweeping take one lock (``blobs/.lock``), held for a
+    rename or an unlink alone: a blob that is stored again while it is being swept as an orphan survives.
     """
 
     def __init__(self, root: Path) -> None:
         self._blobs = root.absolute() / "blobs"
-        self._tmp = root.absolute() / "tmp"
+        self._tmp = self._blobs / ".tmp"
         for folder in (self._blobs, self._tmp):
             folder.mkdir(parents=True, exist_ok=True)
 
@@ -218,7 +219,7 @@ class LocalBlobStore:
                 place.unlink()
 
     def sweep_staged(self, *, now_s: float, older_than_s: float = 60.0) -> list[Path]:
-        """Remove what dead processes left under ``tmp/``, and return it.
+        """Remove what dead processes left under ``blobs/.tmp/``, and return it.
 
         Parameters
         ----------

@@ -15,7 +15,7 @@ from service.db import keys as table
 from service.db.maps import find_maps
 from service.db.models import Key
 from service.domain.access import Actor
-from service.domain.errors import InvalidRequest, KeyNotFound, MapNotFound, Unauthenticated
+from service.domain.errors import InvalidRequest, KeyNotFound, LastAdminKey, MapNotFound, Unauthenticated
 from service.domain.lifecycle import Role
 from service.usecases.audit import record
 from service.usecases.kernel import Kernel
@@ -177,14 +177,33 @@ def revoke_key(kernel: Kernel, session: Session, actor: Actor, *, key_id: str) -
         If `actor` is no admin of all maps.
     KeyNotFound
         If there is no such key.
+    LastAdminKey
+        If no other admin key of all maps is valid for as long.
     """
     _require_key_admin(actor)
+    admins = table.lock_admin_keys(session, now=kernel.now())
     found = table.find_key(session, key_id)
     if found is None:
         raise KeyNotFound(f"There is no key {key_id}.")
     if found.revoked_at is None:
+        _require_another(admins, found)
         table.revoke_key(session, key_id, now=kernel.now())
         record(kernel, session, actor, action="revoke-key", subject_id=key_id, before={"name": found.name})
+
+
+def _require_another(admins: Sequence[Key], going: Key) -> None:
+    """Pass when, of the admin keys, one that stays is valid for as long as the one that goes."""
+    if all(key.id != going.id for key in admins):
+        return
+    ends = going.expires_at
+    for key in admins:
+        if key.id != going.id and (key.expires_at is None or (ends is not None and key.expires_at >= ends)):
+            return
+    until = "without an end" if ends is None else f"until {ends.isoformat()}"
+    raise LastAdminKey(
+        f"No other admin key of all maps is valid {until}, as {going.name!r} is: make one first, then revoke "
+        "this one."
+    )
 
 
 def _require_key_admin(actor: Actor) -> None:

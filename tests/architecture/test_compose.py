@@ -23,6 +23,7 @@ from typing import Any
 
 import pytest
 import yaml
+from sqlalchemy.engine import make_url
 
 from tests.architecture.sources import ROOT
 
@@ -31,6 +32,7 @@ PROCESSES = ("migrate", "service", "worker")
 DATA_DIR = "/var/lib/groundplan"
 EVERYWHERE = "0.0.0.0"  # noqa: S104 - inside a container
 VARIABLE = re.compile(r"\$\{(\w+):-([^}]*)\}")
+PASSWORD_FILE = "GROUNDPLAN_DATABASE_PASSWORD_FILE"  # noqa: S105
 METRICS_PORTS = ("9464", "9465")
 START_S = 60.0
 STOPPED = (0, -signal.SIGTERM)  # uvicorn ends its answers, then passes the signal on to itself
@@ -78,6 +80,7 @@ class Natively:
         said = {
             key: _native(str(value), **self._place)
             for key, value in self._services[name]["environment"].items()
+            if key != PASSWORD_FILE  # this machine's PostgreSQL asks for none
         }
         kept = {key: os.environ[key] for key in ("PATH", "HOME", "LANG") if key in os.environ}
         return {**kept, **said}
@@ -151,22 +154,92 @@ def test_docker_compose_accepts_the_file() -> None:
     clean = {
         key: value for key, value in os.environ.items() if not key.startswith(("POSTGRES", "GROUNDPLAN"))
     }
-    done = subprocess.run(
-        [program, "-f", str(FILE), "config", "-q"],
-        cwd=ROOT,
-        env=clean,
-        capture_output=True,
-        text=True,
-        check=False,
-    )
+
+    def config(**more: str) -> subprocess.CompletedProcess[str]:
+        command = [program, "-f", str(FILE), "config", "-q"]
+        return subprocess.run(
+            command, cwd=ROOT, env=clean | more, capture_output=True, text=True, check=False
+        )
+
+    done = config(POSTGRES_PASSWORD="x")  # noqa: S106
     assert (done.returncode, done.stderr) == (0, "")
+    for without in ({}, {"POSTGRES_PASSWORD": ""}):
+        done = config(**without)
+        assert done.returncode != 0
+        assert "POSTGRES_PASSWORD" in done.stderr
+
+
+def test_every_container_is_confined(compose: dict[str, Any]) -> None:
+    for name, service in compose["services"].items():
+        assert service["read_only"] is True, name
+        assert service["cap_drop"] == ["ALL"], name
+        assert "cap_add" not in service, name
+        assert service["security_opt"] == ["no-new-privileges:true"], name
+        assert service["mem_limit"], name
+        assert service["pids_limit"] > 0, name
+        assert "privileged" not in service, name
+    users = {name: _user(service) for name, service in compose["services"].items()}
+    assert set(users.values()) == {"postgres", "nginx", "groundplan"}
+
+
+def _user(service: dict[str, Any]) -> str:
+    """Return who a container runs as: what the file says, or else its image's last word."""
+    if "user" in service:
+        return str(service["user"])
+    lines = (ROOT / service["build"]["dockerfile"]).read_text().splitlines()
+    return [line.split()[1] for line in lines if line.startswith("USER ")][-1]
+
+
+def test_the_front_has_the_blobs_alone_and_cannot_write_them(compose: dict[str, Any]) -> None:
+    front = compose["services"]["front"]
+    assert front["volumes"] == ["tls:/etc/groundplan/tls", "blobs:/var/lib/groundplan/blobs:ro"]
+    assert front["networks"] == ["door"]
+    beside = [name for name, service in compose["services"].items() if "door" in service.get("networks", [])]
+    assert sorted(beside) == ["front", "service"]
+    assert compose["networks"]["inner"] == {"internal": True}
+
+
+def test_one_process_alone_has_the_password_in_its_environment(
+    compose: dict[str, Any], tmp_path: Path
+) -> None:
+    known = [
+        name
+        for name, service in compose["services"].items()
+        if any("${POSTGRES_PASSWORD" in str(value) for value in service.get("environment", {}).values())
+    ]
+    assert known == ["password"]
+    said = compose["services"]["password"]["command"]
+    words = [word.replace("/run/groundplan", str(tmp_path)).replace("$$", "$") for word in said]
+    secret = "p@ss/w:rd %41 'x'"  # noqa: S105
+    subprocess.run(words, env={**os.environ, "POSTGRES_PASSWORD": secret}, check=True)
+    file = tmp_path / "postgres-password"
+    assert (file.read_text(), file.stat().st_mode & 0o777) == (secret, 0o644)
+    from service.settings import Settings  # noqa: PLC0415
+
+    url = compose["services"]["service"]["environment"]["GROUNDPLAN_DATABASE_URL"]
+    made = make_url(Settings(database_url=url, database_password_file=file).url())
+    assert (made.password, made.username, made.host) == (secret, "groundplan", "postgres")
+
+
+def test_images_can_be_pinned_and_the_workers_is_compiled(compose: dict[str, Any]) -> None:
+    for name in ("service", "worker", "front"):
+        lines = (ROOT / "docker" / f"{name}.Dockerfile").read_text().splitlines()
+        outside = [line.split()[1] for line in lines if line.startswith("FROM ") and ":" in line]
+        assert outside
+        assert all("DIGEST}" in image for image in outside)
+    assert compose["services"]["postgres"]["image"] == "postgres:15-bookworm${POSTGRES_DIGEST:-}"
+    worker = (ROOT / "docker" / "worker.Dockerfile").read_text()
+    folder = re.search(r"NUMBA_CACHE_DIR=(\S+)", worker)
+    assert folder is not None
+    assert f"compiled:{folder[1]}" in compose["services"]["worker"]["volumes"]
+    assert f"COPY --from=compiled --chown=groundplan:groundplan {folder[1]} {folder[1]}" in worker
 
 
 def test_the_file_holds_no_secret_and_every_process_checks_its_health(compose: dict[str, Any]) -> None:
     services = compose["services"]
-    assert set(services) == {"postgres", "front", "vda5050", *PROCESSES}
-    assert services["postgres"]["environment"]["POSTGRES_PASSWORD"] == "${POSTGRES_PASSWORD:-}"  # noqa: S105
-    assert {name for name in services if "healthcheck" not in services[name]} == {"migrate"}
+    assert set(services) == {"postgres", "front", "vda5050", "password", *PROCESSES}
+    assert services["password"]["environment"]["POSTGRES_PASSWORD"].startswith("${POSTGRES_PASSWORD:?")
+    assert {name for name in services if "healthcheck" not in services[name]} == {"migrate", "password"}
     for name in ("service", "worker"):
         assert services[name]["depends_on"]["migrate"]["condition"] == "service_completed_successfully"
     assert {name for name in services if "ports" in services[name]} == {"front"}, "the front is the only door"
@@ -238,6 +311,6 @@ def test_an_image_says_the_same_as_the_compose_file(compose: dict[str, Any], nam
     assert [json.loads(command) for command in commands] == [process["command"]]
     checks = [line.partition(" CMD ")[2] for line in lines if line.startswith("HEALTHCHECK ")]
     assert [["CMD", *json.loads(check)] for check in checks] == [process["healthcheck"]["test"]]
-    assert [line for line in lines if line.startswith("USER ")] == ["USER groundplan"]
+    assert {line for line in lines if line.startswith("USER ")} == {"USER groundplan"}
     synced = [line for line in lines if "uv sync" in line]
     assert all(("--extra worker" in line) == (name == "worker") and "--locked" in line for line in synced)

@@ -8,7 +8,9 @@ from typing import Any
 
 import httpx
 import pytest
+from sqlalchemy import func, select
 
+from service.db.models import Job
 from tests.server import ClientFor, Server
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import NO_TILES, ByHand
@@ -114,8 +116,8 @@ ROUTES = (
     Route("GET", "/v1/maps/{map_id}/proposals", STAFF, "map-not-found"),
     Route("POST", "/v1/proposals/{proposal_id}/accept", STAFF, "proposal-not-found"),
     Route("POST", "/v1/proposals/{proposal_id}/dismiss", STAFF, "proposal-not-found"),
-    Route("GET", "/v1/maps/{map_id}/revisions/{n}/compare?with=1", EVERYBODY, "map-not-found"),
-    Route("GET", "/v1/maps/{map_id}/revisions/{n}/compare.png?with=1", EVERYBODY, "map-not-found"),
+    Route("GET", "/v1/maps/{map_id}/revisions/{n}/compare?with=1", STAFF, "map-not-found"),
+    Route("GET", "/v1/maps/{map_id}/revisions/{n}/compare.png?with=1", STAFF, "map-not-found"),
     Route("GET", "/v1/maps/{map_id}/revisions/{n}/gates", STAFF, "map-not-found"),
     Route("POST", "/v1/maps/{map_id}/revisions/{n}/rebuild", ADMINS, "map-not-found"),
     Route("POST", "/v1/maps/{map_id}/revisions/{n}/exports", STAFF, "map-not-found", {"format": "ply"}),
@@ -269,6 +271,25 @@ def test_a_route_lets_its_roles_in(route: Route, ids: dict[str, str], holders: H
             slug = answer.json()["type"].rpartition("/")[2]
             assert slug not in {"unauthenticated", "forbidden", "map-not-found", route.foreign}, answer.text
             assert answer.status_code < 500 or slug in NOT_YET
+
+
+def test_a_robots_key_begins_no_job_but_the_delta_that_it_downloads(
+    server: Server, ids: dict[str, str], holders: Holders
+) -> None:
+    def jobs() -> int:
+        with server.kernel.db.reading() as session:
+            return session.scalar(select(func.count()).select_from(Job)) or 0
+
+    before, began = jobs(), []
+    for route in ROUTES:
+        for robot in (holders.own["robot"], holders.everywhere["robot"]):
+            _ask(robot, route, ids)
+        if jobs() != before:
+            began.append(route.path.partition("?")[0])
+            before = jobs()
+    assert set(began) <= {"/v1/maps/{map_id}/revisions/{n}/delta"}
+    upload = {"Tus-Resumable": "1.0.0", "Upload-Length": "9", "Upload-Metadata": "kind c2Nhbg=="}
+    refused(holders.own["robot"].post("/v1/tus", headers=upload), 403, "forbidden")
 
 
 def test_a_thing_of_another_map_is_told_like_none_at_all(

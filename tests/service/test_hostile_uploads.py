@@ -203,7 +203,7 @@ def test_too_large_by_its_bytes_is_cut_off_at_the_limit(
     assert answer.json()["type"].endswith("/problems/upload-too-large")
     assert LIMIT_BYTES <= sent < LIMIT_BYTES * 1.2
     assert rss[-1] < MOST_RSS_BYTES
-    assert list((served.settings.data_dir / "tmp").iterdir()) == []
+    assert list((served.settings.data_dir / "blobs" / ".tmp").iterdir()) == []
     assert client.get("/healthz").status_code == 200
     _report("2 GiB, chunked", rss, sent)
 

@@ -60,7 +60,7 @@ class Installation:
     def files(self) -> set[Path]:
         """Return every file that uploads and blobs have."""
         root = self.settings.data_dir
-        return {path for name in ("blobs", "uploads", "tmp") for path in (root / name).rglob("*")}
+        return {path for name in ("blobs", "uploads") for path in (root / name).rglob("*")}
 
     def _failed_job(self, by_hand: ByHand) -> str:
         job_id = ok(self.client.get(f"/v1/drawings/{by_hand.drawing(self.map_id, read=False)}"))["job"]["id"]

@@ -50,7 +50,7 @@ def problem(answer: httpx.Response, status: int, slug: str) -> dict[str, Any]:
 
 
 def leftovers(server: Server) -> list[Path]:
-    return sorted((server.settings.data_dir / "tmp").iterdir())
+    return sorted((server.settings.data_dir / "blobs" / ".tmp").iterdir())
 
 
 def test_a_drawing_is_stored_and_its_job_queued(server: Server, tablet: httpx.Client, map_id: str) -> None:

@@ -71,7 +71,7 @@ def list_publications(
 @router.get("/revisions/{n}/compare", response_model=ComparedOut)
 def compare_revisions(
     kernel: KernelDep,
-    actor: AnyActor,
+    actor: TabletActor,
     base_url: BaseUrl,
     response: Response,
     map_id: MapId,
@@ -82,7 +82,7 @@ def compare_revisions(
     """Tell what changed from revision `with` to revision `n`: drawing, recipe, layers, regions, and points.
 
     The points are compared by a job that the first who asks begins: until it has ended well the answer is
-    `202` with `geometry` null.
+    `202` with `geometry` null. For tablets and admins: a robot's key begins no such work.
     """
     found = compare.compare(kernel, actor, map_id=map_id, n=n, with_n=with_n)
     response.status_code = 202 if found.geometry is None else 200
@@ -92,7 +92,7 @@ def compare_revisions(
 @router.head("/revisions/{n}/compare.png", include_in_schema=False)
 @router.get("/revisions/{n}/compare.png", response_class=Response, responses=DOCUMENTED)
 def get_picture(
-    request: Request, kernel: KernelDep, actor: AnyActor, map_id: MapId, *, n: RevisionN, with_n: With
+    request: Request, kernel: KernelDep, actor: TabletActor, map_id: MapId, *, n: RevisionN, with_n: With
 ) -> Response:
     """Show what went (red) and what came (green) from revision `with` to revision `n`, from above."""
     file = compare.comparison_picture(kernel, actor, map_id=map_id, n=n, with_n=with_n)
