@@ -106,7 +106,8 @@ class _Varied:
 
     def _at(self, places: NDArray[np.int64], code: str) -> NDArray[Any]:
         picked = self.body[places[:, None] + np.arange(int(code[1]))]
-        return picked.view(self.order + code).reshape(-1)
+        values: NDArray[Any] = picked.view(self.order + code).reshape(-1)
+        return values
 
 
 def _numbers(element: PlyElement, names: Sequence[str]) -> list[int]:
@@ -164,7 +165,7 @@ def _walk(body: NDArray[np.uint8], at: int, element: PlyElement, order: str) -> 
         if told.is_list:
             if at + told.length_bytes > len(body):
                 raise _cut(element)
-            (number,) = struct.unpack_from(order + _STRUCT[told.length_code], body, at)
+            (number,) = struct.unpack_from(order + _STRUCT[told.length_code], body.data, at)
             if number < 0:
                 raise FileMalformed(f"A list {told.name!r} of the PLY file has {number} values.")
         found.append((at, number))
