@@ -227,7 +227,8 @@ def _up(point: Any, viewport: _Viewport) -> Point:
 def _curve(segment: Any, viewport: _Viewport) -> list[Point]:
     if isinstance(segment, svgelements.Arc):
         count = min(max(2, math.ceil(abs(float(segment.sweep)) / _ARC_STEP)), 144)
-        return [_up(segment.point(i / count), viewport) for i in range(1, count + 1)]
+        places = np.asarray(segment.npoint([i / count for i in range(1, count + 1)]), dtype=np.float64)
+        return [(x, viewport.height - y) for x, y in places.tolist()]
     if isinstance(segment, svgelements.QuadraticBezier):
         a, b, c = (_up(p, viewport) for p in (segment.start, segment.control, segment.end))
         first = (a[0] + 2 / 3 * (b[0] - a[0]), a[1] + 2 / 3 * (b[1] - a[1]))
