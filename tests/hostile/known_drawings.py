@@ -123,6 +123,14 @@ def _claiming_png() -> bytes:
     return bytes(content)
 
 
+def _wide_strokes() -> bytes:
+    image = drawings.plan_image().resize((1260, 900))
+    image.paste(0, (60, 120, 1200, 720))
+    sink = io.BytesIO()
+    image.save(sink, "PNG")
+    return sink.getvalue()
+
+
 def _claiming_bmp() -> bytes:
     content = bytearray(drawings.MAKERS["bmp"]())
     content[18:26] = struct.pack("<II", *_CLAIM)
@@ -270,6 +278,7 @@ KNOWN_DRAWINGS: dict[str, Known] = {
     "progressive JPEG claiming 196 Mpx": _drawing(lambda: _claiming_jpeg(progressive=True), "file-truncated"),
     "JPEG with a hole": _drawing(_holed_jpeg, "file-truncated"),
     "JPEG with noise before its end": _drawing(_padded_jpeg, READING, "pixels-damaged"),
+    "PNG of a stroke 600 px wide": _drawing(_wide_strokes, READING),
     "PNG claiming 196 Mpx": _drawing(_claiming_png, "file-truncated"),
     "BMP claiming 196 Mpx": _drawing(_claiming_bmp, "file-truncated"),
     **{

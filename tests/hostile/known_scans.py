@@ -116,11 +116,22 @@ _PLACES = (1e154, 1e308, 1e38, 1e20, math.nan, math.inf)
 _DOUBLE = ("ply", "ascii.ply", "big.ply", "xyz", "pts", "csv", "comma.csv", "cc.xyz", "obj")
 _SINGLE = ("pcd", "glb", "usdc")
 
+
+def _doubling(depth: int) -> bytes:
+    parts = [
+        f'def "a{k}"\n{{\n def "l" (references = </a{k + 1}>) {{}}\n'
+        f' def "r" (references = </a{k + 1}>) {{}}\n}}\n'
+        for k in range(depth)
+    ]
+    return ("#usda 1.0\n" + "".join(parts)).encode() + b'def Xform "a%d" {}\n' % depth
+
+
 KNOWN_SCANS: dict[str, Known] = {
     **{f"ply with {value:g}": _scan(_with_places("ply", value), _end_of(value)) for value in _PLACES},
     **{f"{kind} with 1e154": _scan(_with_places(kind, 1e154), _end_of(1e154)) for kind in _DOUBLE[1:]},
     **{f"{kind} with 1e38": _scan(_with_places(kind, 1e38), _end_of(1e38)) for kind in _SINGLE},
     **{f"{kind} with nan": _scan(_with_places(kind, math.nan), _end_of(math.nan)) for kind in _SINGLE},
+    "USDA of parts that double": _scan(lambda: _doubling(24), "file-malformed"),
     "OBJ of 10,000 km": _scan(lambda: _obj(_FAR), "coordinates-too-large"),
     "STL of 10,000 km": _scan(lambda: _stl(_FAR), "coordinates-too-large"),
     **{
