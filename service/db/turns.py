@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections import defaultdict
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from datetime import UTC, datetime
+from typing import NamedTuple
 
 from sqlalchemy import ColumnElement, and_, exists, func, or_, select
 from sqlalchemy.orm import Session
@@ -12,8 +14,17 @@ from sqlalchemy.orm import Session
 from service.db.models import Job
 from service.domain.lifecycle import JobKind, JobState
 
-_NEVER = datetime.min.replace(tzinfo=UTC)
 _IS_READING = Job.kind.in_((JobKind.READ_DRAWING.value, JobKind.READ_SCAN.value))
+
+
+_NEVER = datetime.min.replace(tzinfo=UTC)
+
+
+class _Served(NamedTuple):
+    """Hold how many jobs run for somebody, and when the last one was begun; the least is served first."""
+
+    running: int = 0
+    last_at: datetime = _NEVER
 
 
 @dataclass(frozen=True)
@@ -47,15 +58,17 @@ def is_any_due(session: Session, *, now: datetime) -> bool:
 def in_turn(session: Session, *, now: datetime) -> Iterator[Job]:
     """Give the due job whose turn it is, locked; then the next one, where that cannot be had or is ended.
 
-    First comes the key that was served longest ago since somebody waits, then of its maps the one that was;
-    between equals a build or a placement comes before the reading of a file, and the oldest before the rest.
-    So whoever asks waits for one job of each other key at most, and not for what they have in the queue.
+    First comes the key of which the fewest jobs run, of several the one that was served longest ago since
+    somebody waits; then of its maps the one that stands so. Between equals a build or a placement comes
+    before the reading of a file, and the oldest before the rest. So whoever asks waits for one job of each
+    other key at most, and not for what they have in the queue; and a key holds all workers only while
+    nobody else waits, else no more of them than its share.
 
     Notes
     -----
-    What was done while nobody waited is forgotten: a key that has worked alone owes nothing. What runs
-    counts as served. The product's own jobs (webhooks, deltas) take turns as one key does. A job that
-    another worker has just locked is passed over (PostgreSQL; on SQLite one claims at a time).
+    What was done while nobody waited is forgotten: a key that has worked alone owes nothing. The product's
+    own jobs (webhooks, deltas) take turns as one key does. A job that another worker has just locked is
+    passed over (PostgreSQL; on SQLite one claims at a time).
     """
     while True:
         job = next(_candidates(session, now), None)
@@ -79,28 +92,24 @@ def _turns(session: Session, now: datetime) -> list[_Waiting]:
     waiting = [_Waiting(key_id, map_id, bool(reading), since) for key_id, map_id, reading, since in rows]
     if len(waiting) < 2:
         return waiting
-    of_key, of_map = _served(session, since=min(one.since for one in waiting))
+    of_key, of_map = _served(session, now=now, since=min(one.since for one in waiting))
     return sorted(
         waiting,
-        key=lambda one: (
-            of_key.get(one.key_id, _NEVER),
-            of_map.get((one.key_id, one.map_id), _NEVER),
-            one.is_reading,
-            one.since,
-        ),
+        key=lambda one: (of_key[one.key_id], of_map[one.key_id, one.map_id], one.is_reading, one.since),
     )
 
 
 def _served(
-    session: Session, *, since: datetime
-) -> tuple[dict[str | None, datetime], dict[tuple[str | None, str], datetime]]:
-    """Return when a job of each key, and of each key and map, was last begun since then, or runs still."""
-    begun = or_(Job.started_at >= since, Job.state == JobState.RUNNING.value)
-    asked = select(Job.key_id, Job.map_id, func.max(Job.started_at)).where(begun)
-    of_key: dict[str | None, datetime] = {}
-    of_map: dict[tuple[str | None, str], datetime] = {}
-    for key_id, map_id, begun_at in session.execute(asked.group_by(Job.key_id, Job.map_id)):
-        last = begun_at or _NEVER
-        of_map[key_id, map_id] = last
-        of_key[key_id] = max(last, of_key.get(key_id, _NEVER))
+    session: Session, *, now: datetime, since: datetime
+) -> tuple[Mapping[str | None, _Served], Mapping[tuple[str | None, str], _Served]]:
+    """Return how each key, and each map of each key, is served now and was since then."""
+    runs = and_(Job.state == JobState.RUNNING.value, Job.lease_until >= now)
+    asked = select(Job.key_id, Job.map_id, func.count().filter(runs), func.max(Job.started_at))
+    rows = session.execute(asked.where(or_(Job.started_at >= since, runs)).group_by(Job.key_id, Job.map_id))
+    of_key: defaultdict[str | None, _Served] = defaultdict(_Served)
+    of_map: defaultdict[tuple[str | None, str], _Served] = defaultdict(_Served)
+    for key_id, map_id, running, begun_at in rows:
+        last_at, before = begun_at or _NEVER, of_key[key_id]
+        of_map[key_id, map_id] = _Served(running, last_at)
+        of_key[key_id] = _Served(before.running + running, max(before.last_at, last_at))
     return of_key, of_map

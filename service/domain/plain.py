@@ -11,7 +11,7 @@ REPLACEMENT = "\N{REPLACEMENT CHARACTER}"
 """Stands where something stood that no text may hold, one for one: a text never grows."""
 
 _NO_TEXT = re.compile("[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff]")
-_ESCAPED_SURROGATE = re.compile(r"\\u[dD][89a-fA-F]")
+_ESCAPED = re.compile(r"\\u(?:[dD][89a-fA-F]|00(?:[0189][0-9a-fA-F]|7[fF]))")
 _LARGEST_WHOLE = 2**63 - 1
 
 
@@ -53,4 +53,4 @@ def plain_loads(text: str | bytes) -> Any:
     """Return the JSON value of a text that may have been stored before values were made plain."""
     told = text.decode() if isinstance(text, bytes) else text
     value = json.loads(told, parse_constant=lambda _: None)
-    return plain(value) if _ESCAPED_SURROGATE.search(told) else value
+    return plain(value) if _ESCAPED.search(told) else value

@@ -4,26 +4,22 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
-import sqlite3
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-import httpx
-import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
-from sqlalchemy import JSON, Column, String, Table, func, select, update
+from sqlalchemy import JSON, Column, String, Table, Update, create_engine, func, select, update
 
 import service.db
+from service.db import schema
 from service.db.models import Base
-from service.db.webhooks import WebhookDelivery
 from service.settings import Settings
-from tests.postgres import PostgresServer
+from tests.every_list import look_everywhere
 from tests.server import Server, running
-from tests.service.asking import a_map, a_placement, a_ready_revision, ok
-from tests.service.by_hand import ByHand
+from tests.service.asking import ok
+from tests.service.plants import one_of_each
 
 for _module in pkgutil.iter_modules(service.db.__path__):
     importlib.import_module(f"service.db.{_module.name}")
@@ -70,6 +66,7 @@ TOLD: dict[str, Put] = {
     "robots.detail": _as_it_is,
     "robots.manufacturer": _as_it_is,
     "robots.name": _as_it_is,
+    "robots.remark": _as_it_is,
     "robots.serial_number": _as_it_is,
     "rollout_steps.detail": _as_it_is,
     "rollouts.override": _as_it_is,
@@ -88,7 +85,8 @@ OURS = {
     "answers.request_sha256", "artifacts.media_type", "audit.action", "audit.subject_id", "blobs.media_type",
     "deltas.coded_sha256", "deltas.from_sha256", "deltas.to_sha256", "drawings.options", "exports.format",
     "jobs.attempt_token", "jobs.kind", "jobs.state", "jobs.subject_id", "keys.digest", "keys.map_ids",
-    "keys.role", "layers.layer_id", "layers.part", "layers.t_map_scan", "maps.site", "placements.candidates",
+    "keys.role", "layers.layer_id", "layers.part", "layers.t_map_scan", "leases.holder", "maps.site",
+    "placements.candidates",
     "placements.initial_pose", "placements.t_map_scan", "placements.verdict", "proposals.layer_id",
     "proposals.state", "publications.channel", "publications.overridden", "revisions.artifacts_sha256",
     "revisions.erased", "revisions.operations", "revisions.recipe", "revisions.scale",
@@ -100,6 +98,13 @@ OURS = {
     "webhooks.old_secret", "webhooks.secret", "webhooks.url",
 }  # fmt: skip
 """Columns whose values the product makes itself, or has checked against a pattern or a form."""
+
+
+SELDOM = {
+    "answers.body", "answers.headers", "comparisons.geometry", "proposals.evidence", "uploads.meta",
+    "webhook_events.told",
+}  # fmt: skip
+"""Columns of rows that a plant does not have."""
 
 
 def _text_columns() -> Iterator[tuple[str, Table, Column[Any]]]:
@@ -115,141 +120,53 @@ def test_every_column_of_text_is_in_one_of_the_two_lists() -> None:
     assert not set(TOLD) & OURS
 
 
-@dataclass(frozen=True)
-class Plant:
-    """Hold a service with a row of every kind, and where they are listed."""
-
-    server: Server
-    admin: httpx.Client
-    lists: tuple[str, ...]
-
-    def look(self) -> None:
-        """Ask for every list and every thing; each has to answer."""
-        for path in self.lists:
-            answer = self.admin.get(path)
-            assert answer.status_code == 200, (path, answer.text)
-            answer.json()
-
-    def store(self, text: str, *, only: str | None = None) -> dict[str, int]:
-        """Store a text in every column that is told from outside; return how many rows took it."""
-        counts = {}
-        with self.server.kernel.db.writing("change-map") as session:
-            for name, table, column in _text_columns():
-                if name not in TOLD or only not in {None, name}:
-                    continue
-                given = text[: column.type.length] if isinstance(column.type, String) else text
-                key = table.primary_key.columns[0]
-                change = update(table).values({column: TOLD[name](given)})
-                if name in {"maps.name", "robots.serial_number"}:  # unique: one row takes it
-                    change = change.where(key == select(func.min(key)).scalar_subquery())
-                counts[name] = session.execute(change).rowcount  # type: ignore[attr-defined]
-        return counts
+def _changes(text: str, *, only: str | None = None) -> Iterator[tuple[str, Update]]:
+    """Give a statement for each column that is told from outside, which puts a text into it."""
+    for name, table, column in _text_columns():
+        if name in TOLD and only in {None, name}:
+            given = text[: column.type.length] if isinstance(column.type, String) else text
+            key = table.primary_key.columns[0]
+            change = update(table).values({column: TOLD[name](given)})
+            if name in {"maps.name", "robots.serial_number"}:  # unique: one row takes it
+                change = change.where(key == select(func.min(key)).scalar_subquery())
+            yield name, change
 
 
-def _planted(server: Server) -> Plant:
-    admin, by_hand = server.client(server.admin_key), ByHand(server.kernel)
-    map_id = a_map(admin)
-    drawing_id = by_hand.drawing(map_id)
-    scan_id = by_hand.scan(map_id)
-    a_ready_revision(admin, by_hand, map_id)
-    placement_id = a_placement(admin, by_hand, map_id)
-    revised = admin.post(f"/v1/placements/{placement_id}/accept", json={})
-    by_hand.build(ok(revised, 202)["job"]["id"])
-    ok(admin.post(f"/v1/maps/{map_id}/revisions/1/publish", json={"reason": "told"}))
-    robot = ok(admin.post("/v1/robots", json={"name": "AMR", "map_id": map_id}), 201)
-    said = {"state": "failed", "revision": 1, "detail": "told"}
-    ok(server.client(robot["key"]).post(f"/v1/robots/{robot['id']}/reports", json=said), 201)
-    stages = {"revision": 2, "stages": [{"share": 1.0}]}
-    rollout = ok(admin.post(f"/v1/maps/{map_id}/rollouts", json=stages), 201)
-    hook = {"url": "https://example.com/hook", "events": ["job.failed"]}
-    webhook = ok(admin.post("/v1/webhooks", json=hook), 201)
-    _deliver(server, map_id, webhook["id"])
-    failed = by_hand.drawing(map_id, read=False)
-    job = ok(admin.get(f"/v1/drawings/{failed}"))["job"]["id"]
-    by_hand.fail(job, problem={"slug": "file-malformed", "title": "t", "detail": "d"})
-    in_map, things = f"/v1/maps/{map_id}", [f"/v1/drawings/{drawing_id}", f"/v1/drawings/{failed}"]
-    lists = (
-        *("/v1/audit", "/v1/drawings", "/v1/jobs", "/v1/keys", "/v1/maps", "/v1/placements", "/v1/proposals"),
-        *("/v1/revisions", "/v1/robots", "/v1/scans", "/v1/stats", "/v1/webhooks", "/v1/convergence", in_map),
-        *(f"{in_map}/{name}" for name in ("channels", "drawings", "proposals", "publications", "published")),
-        *(f"{in_map}/{name}" for name in ("revisions", "rollouts", "scans", "revisions/1", "revisions/2")),
-        *(f"{in_map}/revisions/2/{name}" for name in ("artifacts", "gates")),
-        *(f"/v1/scans/{scan_id}", f"/v1/jobs/{job}", f"/v1/placements/{placement_id}", *things),
-        *(f"/v1/robots/{robot['id']}", f"/v1/robots/{robot['id']}/reports"),
-        *(f"/v1/rollouts/{rollout['id']}", f"/v1/rollouts/{rollout['id']}/robots"),
-        *(f"/v1/webhooks/{webhook['id']}", f"/v1/webhooks/{webhook['id']}/deliveries"),
-    )
-    return Plant(server, admin, lists)
+def store(server: Server, text: str, *, only: str | None = None) -> dict[str, int]:
+    """Store a text in every column that is told from outside; return how many rows took it."""
+    with server.kernel.db.writing("change-map") as session:
+        changes = _changes(text, only=only)
+        return {name: session.execute(change).rowcount for name, change in changes}  # type: ignore[attr-defined]
 
 
-def _deliver(server: Server, map_id: str, webhook_id: str) -> None:
-    kernel = server.kernel
-    with kernel.db.writing("dispatch-webhooks") as session:
-        now = kernel.now()
-        session.add(
-            WebhookDelivery(
-                id=kernel.new_id("del"),
-                webhook_id=webhook_id,
-                map_id=map_id,
-                event="job.failed",
-                body="{}",
-                state="failed",
-                tries=[],
-                try_at=now,
-                created_at=now,
-                ended_at=now,
-            )
-        )
-
-
-@pytest.fixture(scope="module", params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
-def plant(request: pytest.FixtureRequest, tmp_path_factory: pytest.TempPathFactory) -> Iterator[Plant]:
-    folder: Path = tmp_path_factory.mktemp("poisoned")
-    if request.param == "sqlite":
-        with running(Settings(data_dir=folder)) as server:
-            yield _planted(server)
-        return
-    cluster: PostgresServer = request.getfixturevalue("postgres_server")
-    with (
-        cluster.database() as url,
-        running(Settings(data_dir=folder, database_url=url)) as server,  # type: ignore[arg-type]
-    ):
-        yield _planted(server)
-
-
-def test_a_nasty_text_in_any_column_leaves_every_list_as_it_was(plant: Plant) -> None:
-    plant.look()
-    counts = plant.store(NASTY)
-    plant.look()
-    rare = {"answers.body", "answers.headers", "comparisons.geometry", "uploads.meta", "webhook_events.told"}
-    assert {name for name, count in counts.items() if count == 0} <= rare | {"proposals.evidence"}
+def test_a_nasty_text_in_any_column_leaves_every_list_as_it_was(planted: Server) -> None:
+    look_everywhere(planted.client(planted.admin_key))
+    counts = store(planted, NASTY)
+    look_everywhere(planted.client(planted.admin_key))
+    assert {name for name, count in counts.items() if count == 0} <= SELDOM
 
 
 @settings(max_examples=12, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
 @given(text=ANY_TEXT)
-def test_any_text_in_every_column_leaves_every_list_answering(plant: Plant, text: str) -> None:
-    plant.store(text)
-    plant.look()
+def test_any_text_in_every_column_leaves_every_list_answering(planted: Server, text: str) -> None:
+    store(planted, text)
+    look_everywhere(planted.client(planted.admin_key))
 
 
-def test_what_is_looked_for_is_made_plain_like_what_is_stored(plant: Plant) -> None:
-    plant.store("na\x1bsty.dxf", only="drawings.file_name")
-    found = ok(plant.admin.get("/v1/drawings", params={"q": "na\x1bsty"}))["items"]
+def test_what_is_looked_for_is_made_plain_like_what_is_stored(planted: Server) -> None:
+    store(planted, "na\x1bsty.dxf", only="drawings.file_name")
+    found = ok(planted.client(planted.admin_key).get("/v1/drawings", params={"q": "na\x1bsty"}))["items"]
     assert {one["file_name"] for one in found} == {"na\N{REPLACEMENT CHARACTER}sty.dxf"}
 
 
 def test_what_an_earlier_version_stored_does_not_end_a_list(tmp_path: Path) -> None:
+    """It had no key of a job, stored what `json.dumps` makes of anything, and texts as SQLite takes them."""
     with running(Settings(data_dir=tmp_path)) as server:
-        plant = _planted(server)
-        poison = (
-            r'{"slug": "file-malformed", "title": "t", "detail": "\udcb0 \u0000", "n": NaN, "k\ud800": 1}'
-        )
-        reading = (
-            r'{"scale": {"state": "unknown"}, "findings": [{"code": "c", "message": "\ud800"}], "x": NaN}'
-        )
-        with sqlite3.connect(tmp_path / "groundplan.sqlite3") as raw:
-            raw.execute("UPDATE jobs SET problem = ? WHERE state = 'failed'", (poison,))
-            raw.execute("UPDATE drawings SET reading = ? WHERE reading IS NOT NULL", (reading,))
-            raw.execute("UPDATE scans SET reading = ?", (reading,))
-            raw.execute('UPDATE audit SET "after" = ?', (poison,))
-        plant.look()
+        one_of_each(server)
+        json_of = {name for name, _, column in _text_columns() if isinstance(column.type, JSON)}
+        with create_engine(server.settings.url()).begin() as before:
+            for (name, of_json), (_, of_text) in zip(_changes(NASTY), _changes("a\x00\x1b[2J"), strict=True):
+                before.execute(of_json if name in json_of else of_text)
+        schema.downgrade(server.kernel.db.engine, to="0013")
+        schema.upgrade(server.kernel.db.engine)
+        look_everywhere(server.client(server.admin_key), is_plain=False)

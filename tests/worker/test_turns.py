@@ -129,13 +129,60 @@ def test_a_lost_job_whose_attempts_are_used_up_does_not_stop_the_claim(bench: Wo
     assert bench.job(lost).state == JobState.FAILED
 
 
+@pytest.mark.parametrize("by_map", [False, True], ids=["keys", "maps of one key"])
+def test_who_holds_a_worker_already_gets_no_second_while_others_wait(
+    bench: Workbench, plan: Path, *, by_map: bool
+) -> None:
+    files = many(lambda: bench.add_drawing(plan), FILES)
+    first, second = claim(bench), claim(bench)
+    with bench.another(key=not by_map):
+        theirs = many(lambda: bench.add_drawing(plan), 5)
+    assert [first.job_id, second.job_id] == files[:2]
+    end(bench, second)
+    assert served(bench, 5) == theirs
+    assert [claim(bench).job_id, claim(bench).job_id] == files[2:4]
+
+
+@pytest.mark.parametrize("workers", [2, 4, 8])
+def test_of_all_workers_a_key_holds_its_share_while_others_wait(
+    bench: Workbench, plan: Path, workers: int
+) -> None:
+    many(lambda: bench.add_drawing(plan), FILES)
+    held = [claim(bench) for _ in range(workers)]
+    mine = {attempt.job_id for attempt in held}
+    with bench.another():
+        theirs = set(many(lambda: bench.add_drawing(plan), FILES))
+    for _ in range(3 * workers):
+        end(bench, held.pop(0))
+        held.append(claim(bench))
+    holds = [attempt.job_id in theirs for attempt in held]
+    assert sum(holds) == workers // 2
+    assert not mine & {attempt.job_id for attempt in held}
+
+
+def test_what_a_lost_worker_held_is_not_counted_against_its_key(bench: Workbench, plan: Path) -> None:
+    lost = bench.add_drawing(plan)
+    claim(bench)
+    with bench.kernel.db.writing("claim-job") as session:
+        session.get_one(Job, lost).lease_until = bench.kernel.now().replace(year=2020)
+    with bench.another():
+        bench.add_drawing(plan)
+        claim(bench)
+        bench.add_drawing(plan)
+    assert claim(bench).job_id == lost
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("workers", [1, 2])
-def test_with_real_workers_another_keys_build_is_the_next_job(
-    bench: Workbench, tmp_path: Path, workers: int
+@pytest.mark.parametrize(
+    ("workers", "by_map"),
+    [(1, False), (2, False), (2, True)],
+    ids=["keys, one worker", "keys, two workers", "maps of one key, two workers"],
+)
+def test_with_real_workers_anothers_build_is_the_next_job(
+    bench: Workbench, tmp_path: Path, workers: int, *, by_map: bool
 ) -> None:
     slow = a_slow_drawing(tmp_path / "slow.png")
-    with bench.another():
+    with bench.another(key=not by_map):
         key_id, map_id = bench.key_id, bench.map_id
         drawing = bench.add_drawing(a_small_drawing(tmp_path / "plan.png"))
         with bench.worker():

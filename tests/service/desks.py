@@ -1,0 +1,98 @@
+"""A service with a real worker and a map: files and texts go in as people send them."""
+
+from __future__ import annotations
+
+import signal
+import subprocess
+import sys
+import time
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import httpx
+import pytest
+from pydantic import SecretStr
+
+from service.settings import Settings
+from tests.every_list import look_everywhere
+from tests.postgres import PostgresServer
+from tests.server import ROOT, Server, environment, running
+from tests.service.asking import a_map, ok
+
+PATIENCE_S = 120.0
+LOOPBACK = {"GROUNDPLAN_WEBHOOK_NETWORKS": "127.0.0.0/8"}
+
+
+@dataclass(frozen=True)
+class Desk:
+    """Hold a service with a worker, and a map to upload to."""
+
+    server: Server
+    client: httpx.Client
+    map_id: str
+
+    def sent(self, purpose: str, name: str, content: bytes) -> httpx.Response:
+        """Return the answer to an upload, `drawings` or `scans`."""
+        return self.client.post(f"/v1/maps/{self.map_id}/{purpose}", files={"file": (name, content)})
+
+    def ended(self, job: dict[str, Any]) -> dict[str, Any]:
+        """Return a job once it has ended, after a look at every list and every thing."""
+        until = time.monotonic() + PATIENCE_S
+        while job["state"] not in {"succeeded", "failed"}:
+            assert time.monotonic() < until, job
+            time.sleep(0.05)
+            job = ok(self.client.get(f"/v1/jobs/{job['id']}"))
+        look_everywhere(self.client)
+        return job
+
+    def told(self, purpose: str, name: str, content: bytes) -> dict[str, Any]:
+        """Return the problem with which the reading of a file fails."""
+        job = self.ended(ok(self.sent(purpose, name, content), 202)["job"])
+        assert job["state"] == "failed", job
+        problem: dict[str, Any] = job["problem"]
+        return problem
+
+
+@contextmanager
+def served(request: pytest.FixtureRequest, folder: Path) -> Iterator[Server]:
+    """Give a service on the database that the fixture's parameter names, `sqlite` or `postgres`."""
+    if request.param == "sqlite":
+        with running(Settings(data_dir=folder), **LOOPBACK) as server:
+            yield server
+        return
+    cluster: PostgresServer = request.getfixturevalue("postgres_server")
+    with (
+        cluster.database() as url,
+        running(Settings(data_dir=folder, database_url=SecretStr(url)), **LOOPBACK) as server,
+    ):
+        yield server
+
+
+@contextmanager
+def at_desk(request: pytest.FixtureRequest, folder: Path) -> Iterator[Desk]:
+    """Give a desk, with a real worker."""
+    with served(request, folder) as server, working(server):
+        client = server.client(server.admin_key)
+        yield Desk(server, client, a_map(client))
+
+
+@contextmanager
+def working(server: Server) -> Iterator[None]:
+    """Run a worker on a service's data."""
+    with (server.settings.data_dir / "worker.log").open("ab") as log:
+        worker = subprocess.Popen(
+            [sys.executable, "-m", "worker"],
+            cwd=ROOT,
+            env=environment(server.settings, **LOOPBACK),
+            stdout=log,
+            stderr=log,
+            start_new_session=True,
+        )
+    try:
+        yield
+    finally:
+        worker.send_signal(signal.SIGTERM)
+        worker.wait(timeout=30)
