@@ -26,7 +26,7 @@ def _way_in() -> list[str]:
 
 
 @pytest.mark.parametrize("stages", [pytest.param("some"), pytest.param("all", marks=pytest.mark.full_disk)])
-@pytest.mark.parametrize("story", ["upload_stages.py", "job_stages.py"])
+@pytest.mark.parametrize("story", ["upload_stages.py", "reads.py", "job_stages.py"])
 def test_a_full_disk_is_told_and_nothing_is_lost(story: str, stages: str, tmp_path: Path) -> None:
     words = [sys.executable, "-m", "pytest", "-q", "-s", "-p", "no:cacheprovider"]
     words += [f"--basetemp={tmp_path / 'in'}", "--timeout=600"]
