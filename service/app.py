@@ -59,7 +59,7 @@ from service.domain.errors import DomainError
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
-from service.storage.room import Room
+from service.storage.room import Room, spare_for_start
 from service.usecases.advance_rollouts import advance_rollouts
 from service.usecases.dispatch_webhooks import dispatch_webhooks
 from service.usecases.kernel import Kernel
@@ -118,12 +118,15 @@ class SchemaNotCurrent(Exception):
 def open_kernel(settings: Settings) -> Kernel:
     """Return the kernel of this process: the database and the blobs that the settings name."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
+    room = Room(settings.folders(), reserve_bytes=settings.reserve_bytes)
+    if (database := settings.folders().get("database")) is not None and database.is_dir():
+        spare_for_start(database, room)
     return Kernel(
         db=Database(open_engine(settings.url())),
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
-        room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
+        room=room,
     )
 
 

@@ -145,6 +145,19 @@ class Spare:
             self._file = None
 
 
+def spare_for_start(folder: Path, room: Room) -> None:
+    """Keep some bytes in a file beside SQLite's, and give them back where a start finds the disk full.
+
+    SQLite makes 32 KiB of files before it reads anything at all, once all had left the database.
+    """
+    spare = folder / ".spare-for-start"
+    if room.is_used_up():
+        spare.unlink(missing_ok=True)
+    elif not spare.exists():
+        with suppress(OSError), spare.open("wb") as file:
+            os.posix_fallocate(file.fileno(), 0, _SPARE_BYTES)
+
+
 def tells_full_disk(error: BaseException | None) -> bool:
     """Return whether an error, or one that it comes from, says that a disk or a quota is full."""
     while error is not None:

@@ -55,8 +55,9 @@ def test_what_writes_rows_alone_is_told_too(full: Story) -> None:
 
 def test_a_service_that_starts_there_gives_what_is_stored(full: Story) -> None:
     key = full.server.admin_key
-    full.server.process.kill()
+    full.disk.make_room()
     full.server.close()
+    assert not list(full.settings.data_dir.glob("*-wal")), "it ended well, and SQLite took its files away"
     full.disk.fill()
     assert full.disk.free_bytes == 0
     told = {"GROUNDPLAN_RESERVE_BYTES": str(RESERVE_BYTES), "GROUNDPLAN_LOG_LEVEL": "error"}
