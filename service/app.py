@@ -27,6 +27,7 @@ from service.api.methods import Heads
 from service.api.metrics import Metrics
 from service.api.polling import Polling
 from service.api.polls import Polls
+from service.api.rates import Rates
 from service.api.routes import (
     artifacts,
     audit,
@@ -102,13 +103,14 @@ _ADVANCE_EVERY_S = 0.5
 class Application(FastAPI):
     """The application in its `Edge`: around everything, answers to defects and oversized bodies included.
 
-    Only polls that find nothing new are answered before.
+    Only polls that find nothing new are answered before, and keys that send too much refused.
     """
 
     def build_middleware_stack(self) -> ASGIApp:
         """Return what answers a request."""
         edge = Edge(Heads(super().build_middleware_stack()), metrics=self.state.metrics)
-        return Polls(edge, polling=self.state.polling, metrics=self.state.metrics)
+        polls = Polls(edge, polling=self.state.polling, metrics=self.state.metrics)
+        return Rates(polls, per_minute=self.state.max_requests_per_minute, metrics=self.state.metrics)
 
 
 class SchemaNotCurrent(Exception):
@@ -234,6 +236,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     app.state.kernel = kernel
     app.state.metrics = metrics
     app.state.polling = Polling(kernel)
+    app.state.max_requests_per_minute = settings.max_requests_per_key_per_minute
     app.state.routers = _ROUTERS
     app.state.figures = figures
     app.state.front_prefix = settings.front_prefix

@@ -95,6 +95,9 @@ class Settings(BaseSettings):
         24 * 3600.0, gt=0, description="Seconds for which an Idempotency-Key is remembered."
     )
 
+    max_requests_per_key_per_minute: int = Field(
+        12_000, gt=0, description="How many requests one key may send in a minute to one service process."
+    )
     max_streams_per_key: int = Field(
         1_000, gt=0, description="How many event streams one key may have open at one service process."
     )

@@ -16,7 +16,7 @@ from service.api.problems import answer, base_url_of
 from service.domain.errors import DomainError, InvalidRequest, UploadTooLarge
 
 _TOO_LARGE = 413
-_POLICY = b"default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+POLICY = b"default-src 'none'; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 """Of every answer that has no policy of its own: nothing in a file or a problem's page may load or run."""
 _REQUEST_ID = re.compile(rb"[\x21-\x7e]{1,100}")
 
@@ -41,7 +41,7 @@ class _Sent:
             self.status = message["status"]
             told = [*message["headers"], (b"x-request-id", self._request_id.encode())]
             if not any(name == b"content-security-policy" for name, _ in told):
-                told.append((b"content-security-policy", _POLICY))
+                told.append((b"content-security-policy", POLICY))
             message["headers"] = told
         await self._send(message)
 

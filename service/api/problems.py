@@ -35,6 +35,7 @@ from service.domain.errors import (
     PointerMoved,
     Rejected,
     StorageFull,
+    TooManyRequests,
     TooManyStreams,
     TusExtensionNotOffered,
     TusVersionUnsupported,
@@ -74,6 +75,7 @@ STATUSES: Mapping[type[DomainError], int] = {
     TusVersionUnsupported: 412,
     Rejected: 422,
     StorageFull: 507,
+    TooManyRequests: 429,
     TooManyStreams: 429,
     Unavailable: 503,
 }

@@ -671,6 +671,16 @@ class ExportNotReady(Unavailable):
     title = "The export is not ready"
 
 
+class TooManyRequests(Unavailable):
+    """The key has sent more requests within a minute than one key may; `RateLimit-Policy` tells how many.
+
+    Ask again after the `Retry-After` seconds. `RateLimit` tells with every answer how many are left. Many
+    robots take a key each.
+    """
+
+    title = "The key sends too many requests"
+
+
 class TooManyStreams(Unavailable):
     """The key has as many event streams open as one key may have; `max_streams` tells how many.
 
