@@ -53,7 +53,7 @@ EVERYWHERE = (
 
 _STAGE = "message-progress.before-send"
 ENDING = ("message-done.before-send", "message-ended.before-send")
-_PROGRESSES = {"build-revision": 9, "read-drawing": 4, "read-scan": 3}
+_PROGRESSES = {"build-revision": 7, "read-drawing": 2, "read-scan": 3}
 STAGES = [
     *((kind, point, 1) for kind in RECORDS for point in EVERYWHERE),
     *(
