@@ -197,4 +197,4 @@ def assert_nothing_is_left(bench: Workbench, *, given: set[str]) -> None:
         rows = set(session.scalars(select(Blob.sha256)))
     assert {path.name for path in (bench.data_dir / "blobs").glob("??/*")} - given == rows - given
     wait_until("the job's folder goes", lambda: not list((bench.data_dir / "jobs").iterdir()))
-    assert list((bench.data_dir / "tmp").iterdir()) == []
+    assert list((bench.data_dir / "blobs" / ".tmp").iterdir()) == []

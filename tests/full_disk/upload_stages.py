@@ -83,7 +83,7 @@ class Story:
         with self.server.kernel.db.reading() as session:
             rows = set(session.scalars(select(Blob.sha256)))
         blobs = {path.name for path in (root / "blobs").glob("??/*")} - rows
-        return blobs | {path.name for path in (root / "tmp").iterdir()}
+        return blobs | {path.name for path in (root / "blobs" / ".tmp").iterdir()}
 
     def assert_still_read(self) -> None:
         """Assert that what is stored is shown and given, and that the service tells of its disk."""
