@@ -14,7 +14,7 @@ import structlog
 from service import crash_points, logs
 from service.db.delivery import open_delivery
 from service.db.session import Database, open_engine
-from service.domain.reading_cost import JobLimits
+from service.domain.job_limits import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.room import Room

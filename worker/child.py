@@ -27,9 +27,9 @@ from service import crash_points, logs
 from service.db.jobs import Attempt, LeaseLost
 from service.db.session import Database, open_engine
 from service.domain.bounds import Bounds
-from service.domain.errors import DomainError, JobOutOfMemory, StorageFull, Unavailable
+from service.domain.errors import DomainError, ReadingTooCostly, StorageFull, Unavailable
+from service.domain.job_limits import JobLimits
 from service.domain.lifecycle import JobKind
-from service.domain.reading_cost import JobLimits
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.room import Room, found_full, tells_full_disk
@@ -65,12 +65,8 @@ def main(parent: int) -> int:
         with suppress(ProcessLookupError, PermissionError):  # what it has started and left behind
             os.killpg(pid, signal.SIGKILL)
         _, status, used = os.wait4(pid, 0)
-        messages.send(
-            "ended",
-            code=os.waitstatus_to_exitcode(status),
-            peak_bytes=used.ru_maxrss * 1024,
-            cpu_s=used.ru_utime + used.ru_stime,
-        )
+        took = {"peak_bytes": used.ru_maxrss * 1024, "cpu_s": used.ru_utime + used.ru_stime}
+        messages.send("ended", code=os.waitstatus_to_exitcode(status), **took)
     return 0
 
 
@@ -110,28 +106,24 @@ def _attempt(context: JobContext) -> dict[str, Any] | None:
 
 
 def _failure(context: JobContext, error: Exception) -> dict[str, Any]:
-    """Return how the attempt failed by an error; what fails for want of room says so seldom by itself."""
+    """Return how the attempt failed by an error; what fails for want of room says so seldom by itself.
+
+    What needs too much memory is told by the parent, which knows what was used; `ReadingTooCostly` is how a
+    process tells it that the job has started.
+    """
     bound = log.bind(job=context.attempt.job_id, kind=str(context.attempt.kind))
     if tells_full_disk(error) or context.kernel.room.is_used_up():
         bound.warning("the job found the disk full", cause=repr(error))
         full = error if isinstance(error, StorageFull) else found_full()
         return {"why": "full", "problem": full.problem()}
-    if isinstance(error, DomainError):
-        return {
-            "why": "unavailable" if isinstance(error, Unavailable) else "refused",
-            "problem": error.problem(),
-        }
-    if isinstance(error, MemoryError) or _NO_MEMORY.search(str(error)):  # so OpenCV and ONNX tell it
-        return {"why": "refused", "problem": _out_of_memory(context).problem()}
+    if isinstance(error, Unavailable):
+        return {"why": "unavailable", "problem": error.problem()}
+    if isinstance(error, DomainError) and not isinstance(error, ReadingTooCostly):
+        return {"why": "refused", "problem": context.problem(error)}
+    if isinstance(error, MemoryError | ReadingTooCostly) or _NO_MEMORY.search(str(error)):
+        return {"why": "memory"}
     bound.exception("a defect ended the job", exc_info=error)
     return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
-
-
-def _out_of_memory(context: JobContext) -> DomainError:
-    if context.reading is not None:
-        return context.reading.refusal("memory")
-    limit = context.limits.memory_bytes // (1024 * 1024)
-    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
 
 
 def _die_with(parent: int) -> None:

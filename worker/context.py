@@ -18,12 +18,14 @@ from service import crash_points
 from service.db.jobs import Attempt
 from service.db.models import Layer, Placement, Revision, Scan
 from service.domain.bounds import Bounds
+from service.domain.errors import DomainError
+from service.domain.job_limits import JobLimits
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.map_state import ErasedRegion
 from service.domain.media import HEAD_BYTES
 from service.domain.outbound import Network
 from service.domain.plain import plain_text
-from service.domain.reading_cost import JobLimits, Promise, ReadingLimits
+from service.domain.reading_cost import Promise, ReadingLimits
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
@@ -136,7 +138,7 @@ class JobContext:
     messages: Messages
     limits: JobLimits
     networks: tuple[Network, ...] = ()
-    reading: ReadingLimits | None = None
+    file_name: str | None = None
     _told_at: float = float("-inf")
     _told_stage: str = ""
 
@@ -177,25 +179,30 @@ class JobContext:
         Rejected
             If the file's header alone shows that it is cut short or too large.
         """
+        self.file_name = path.name
         with path.open("rb") as file:
             head = file.read(HEAD_BYTES)
-        may, size = self.limits, path.stat().st_size
-        promise = Promise.of(head, size_bytes=size, bounds=self.bounds) if head else Promise()
-        self.reading = ReadingLimits(
-            path.name,
-            promise,
-            cpu_s=min(promise.cpu_s(may.reading_cpu_s), may.cpu_s),
-            memory_bytes=min(promise.memory_bytes(may.reading_memory_bytes), may.memory_bytes),
-        )
+        promise = Promise()
+        if head:
+            promise = Promise.of(head, size_bytes=path.stat().st_size, bounds=self.bounds)
+        reading = ReadingLimits.of(promise, self.limits, file_name=path.name)
         self.bounds = replace(
             self.bounds,
-            max_scan_memory_bytes=self.reading.memory_bytes,
-            max_scan_seconds=may.wall_s,
-            max_model_seconds=may.wall_s,
+            max_scan_memory_bytes=reading.memory_bytes,
+            max_scan_seconds=reading.wall_s,
+            max_model_seconds=reading.wall_s,
         )
-        most_data = _data_bytes() + self.reading.memory_bytes + _SPARE_BYTES
-        limit_process(memory_bytes=most_data, cpu_s=self.reading.cpu_s)
-        self.messages.send("progress", stage="load", fraction=0.0, reading=self.reading.to_json())
+        limit_process(memory_bytes=reading.memory_bytes, cpu_s=reading.cpu_s)
+        self.messages.send("progress", stage="load", fraction=0.0, reading=reading.to_json())
+
+    def problem(self, refusal: DomainError) -> dict[str, Any]:
+        """Return a refusal as the job's problem; where a file is read, it calls the file by its name."""
+        problem = refusal.problem()
+        if self.file_name is not None:
+            if self.file_name not in refusal.detail:
+                problem["detail"] = f"{self.file_name}: {refusal.detail}"
+            problem["file_name"] = self.file_name
+        return problem
 
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's visible layers are made from, in their order."""
@@ -266,15 +273,16 @@ def _last_part(file_name: str) -> str:
 
 
 def limit_process(*, memory_bytes: int, cpu_s: float) -> None:
-    """Limit this process from here on; never above a limit that it has.
+    """Limit what this process takes from here on; never above a limit that it has.
 
     RLIMIT_DATA counts private writable memory, so an allocation past it fails as MemoryError; address
     space that is only reserved (numba, threads' arenas) or mapped from files does not count, as it
-    would under RLIMIT_AS. The parent counts what all processes of a job really hold, and is the quicker
-    one where memory is taken bit by bit.
+    would under RLIMIT_AS. It has some to spare: the parent counts what all processes of a job really hold,
+    and is the quicker one where memory is taken bit by bit.
     """
+    most = _data_bytes() + memory_bytes + _SPARE_BYTES
     _, hard = resource.getrlimit(resource.RLIMIT_DATA)
-    most = memory_bytes if hard == resource.RLIM_INFINITY else min(memory_bytes, hard)
+    most = most if hard == resource.RLIM_INFINITY else min(most, hard)
     resource.setrlimit(resource.RLIMIT_DATA, (most, most))
     used = resource.getrusage(resource.RUSAGE_SELF)
     until = int(used.ru_utime + used.ru_stime + cpu_s) + 1

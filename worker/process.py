@@ -10,14 +10,15 @@ import subprocess
 import sys
 import time
 from contextlib import suppress
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from pathlib import Path
 from typing import Any
 
 from service import crash_points
 from service.db.jobs import Attempt
-from service.domain.errors import DomainError, JobOutOfMemory, JobTimedOut, ReaderCrashed
-from service.domain.reading_cost import JobLimits, ReadingLimits
+from service.domain.errors import DomainError
+from service.domain.job_limits import JobLimits, Limits, Usage
+from service.domain.reading_cost import ReadingLimits, reader_crashed
 
 _READ_BYTES = 65536
 _PAGE_BYTES = os.sysconf("SC_PAGE_SIZE")
@@ -26,19 +27,6 @@ _FAULTS = {
     signal.SIGSEGV, signal.SIGABRT, signal.SIGBUS, signal.SIGFPE, signal.SIGILL, signal.SIGTRAP, signal.SIGSYS
 }  # fmt: skip
 _END_TIMEOUT_S = 10.0
-
-
-@dataclass(frozen=True)
-class Usage:
-    """Hold what a job's processes take together: their memory, and their CPU seconds so far.
-
-    Memory is what belongs to them alone, not the files that they have mapped; `own_bytes` is without what
-    the warm child stands ready with.
-    """
-
-    memory_bytes: int = 0
-    own_bytes: int = 0
-    cpu_s: float = 0.0
 
 
 class WarmChild:
@@ -52,10 +40,10 @@ class WarmChild:
         Whether it has a job that has not ended.
     has_ended : bool
         Whether it is gone, and its job with it.
+    used : Usage
+        The most that the last job was seen to take.
     peak_bytes : int
-        The most memory that the last job, or one process that it started, held at a time.
-    cpu_s : float
-        CPU seconds of the last job and of all that it has started, once it has ended.
+        The most memory that it, or one process that it started, held at a time, mapped files included.
     """
 
     def __init__(self) -> None:
@@ -75,7 +63,7 @@ class WarmChild:
         self._job_pid: int | None = None
         self._job_code: int | None = None
         self._is_closed = False
-        self.peak_bytes, self.cpu_s = 0, 0.0
+        self.used, self.peak_bytes = Usage(), 0
         self.has_ended = False
         self.is_ready = False
         self.is_working = False
@@ -96,7 +84,7 @@ class WarmChild:
             "limits": asdict(limits),
         }
         self.is_working, self._job_pid, self._job_code = True, None, None
-        self.peak_bytes, self.cpu_s = 0, 0.0
+        self.used, self.peak_bytes = Usage(), 0
         crash_points.reach("message-job.before-send")
         with suppress(BrokenPipeError):
             self._stdin.write(json.dumps(job).encode() + b"\n")
@@ -116,14 +104,15 @@ class WarmChild:
         *lines, self._rest = self._rest.split(b"\n")
         return [m for m in map(json.loads, lines) if not self._is_own(m)]
 
-    def usage(self) -> Usage:
-        """Return what the job and all that it has started take; nothing when it is gone."""
+    def look(self) -> Usage:
+        """Return what the job and all that it has started take now; nothing when it is gone."""
         if self._job_pid is None:
             return Usage()
         seen = [_used(pid) for pid in _with_descendants(self._job_pid)]
-        memory = sum(used.memory_bytes for used in seen)
-        ready = _used(self._process.pid).memory_bytes
-        return Usage(memory, max(0, memory - ready), sum(used.cpu_s for used in seen))
+        memory = sum(used.memory_bytes for used in seen) - _used(self._process.pid).memory_bytes
+        now = Usage(max(0, memory), sum(used.cpu_s for used in seen))
+        self.used = self.used.most(now)
+        return now
 
     def end_job(self) -> list[dict[str, Any]]:
         """Kill the job, and return what it had said until it was gone; the child stands ready again."""
@@ -187,7 +176,9 @@ class WarmChild:
                 self._job_pid = message["pid"]
             case "ended":
                 self._job_code, self.is_working = message["code"], False
-                self.peak_bytes, self.cpu_s = message["peak_bytes"], message["cpu_s"]
+                self.peak_bytes = message["peak_bytes"]
+                own = self.peak_bytes - _resident_bytes(self._process.pid)
+                self.used = self.used.most(Usage(own, message["cpu_s"]))
             case _:
                 return False
         return True
@@ -204,54 +195,36 @@ def _with_descendants(pid: int) -> list[int]:
     return found
 
 
+def _resident_bytes(pid: int) -> int:
+    """Return what a process holds, the files that it has mapped included; 0 when it is gone."""
+    try:
+        return int(Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()[1]) * _PAGE_BYTES
+    except (OSError, IndexError):
+        return 0
+
+
 def _used(pid: int) -> Usage:
-    """Return what one process takes, with the CPU of its children that have ended (proc(5))."""
+    """Return what one process takes, with the CPU of its children that have ended (proc(5)).
+
+    Memory is what belongs to it alone, not the files that it has mapped.
+    """
     try:
         stat = (
             Path(f"/proc/{pid}/stat").read_text(encoding="ascii", errors="replace").rpartition(")")[2].split()
         )
         pages = Path(f"/proc/{pid}/statm").read_text(encoding="ascii").split()
         memory = (int(pages[1]) - int(pages[2])) * _PAGE_BYTES
-        return Usage(memory, memory, sum(map(int, stat[11:15])) / _TICKS_PER_S)
+        return Usage(memory, sum(map(int, stat[11:15])) / _TICKS_PER_S)
     except (OSError, IndexError):
         return Usage()
 
 
-def over_limits(child: WarmChild, reading: ReadingLimits | None, limits: JobLimits) -> DomainError | None:
-    """Return the refusal of a job whose processes take more than they may; None while they do not."""
-    used = child.usage()
-    if reading is not None:
-        if used.own_bytes > reading.memory_bytes:
-            return reading.refusal("memory")
-        return reading.refusal("cpu") if used.cpu_s > reading.cpu_s else None
-    if used.memory_bytes > limits.memory_bytes:
-        return _out_of_memory(limits)
-    return timed_out("CPU seconds", limits.cpu_s) if used.cpu_s > limits.cpu_s else None
-
-
-def why_it_died(child: WarmChild, reading: ReadingLimits | None, limits: JobLimits) -> DomainError | None:
+def why_it_died(child: WarmChild, limits: Limits, used: Usage) -> DomainError | None:
     """Return the refusal of a job that its own file or limits ended; None where another try may help."""
-    fault = child.fault
     if child.ran_out_of_cpu:
-        return timed_out("CPU seconds", limits.cpu_s) if reading is None else reading.refusal("cpu")
-    if reading is None:
+        return limits.refusal("cpu", used)
+    if not isinstance(limits, ReadingLimits):
         return None
-    if child.peak_bytes > reading.memory_bytes:
-        return reading.refusal("memory")
-    if fault is None:
-        return None
-    return ReaderCrashed(
-        f"The reader crashed on {reading.file_name} ({fault.name}): it is damaged. Open it in the program "
-        "that made it, repair it, and export it again.",
-        signal=fault.name,
-    )
-
-
-def _out_of_memory(limits: JobLimits) -> JobOutOfMemory:
-    limit = limits.memory_bytes // (1024 * 1024)
-    return JobOutOfMemory(f"The job needed more than the {limit} MiB that a job may take.")
-
-
-def timed_out(unit: str, limit: float) -> JobTimedOut:
-    """Return the refusal of a job that took more than `limit` of a unit."""
-    return JobTimedOut(f"The job took more than the {limit:g} {unit} that a job may take.")
+    if used.memory_bytes > limits.memory_bytes:
+        return limits.refusal("memory", used)
+    return None if child.fault is None else reader_crashed(limits.file_name, how=child.fault.name)

@@ -11,7 +11,7 @@ import signal
 import threading
 import time
 from collections.abc import Callable
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
@@ -22,12 +22,13 @@ from service.db import jobs, waiting
 from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
 from service.domain.errors import DatabaseBusy, DomainError, StorageFull, Unavailable
+from service.domain.job_limits import JobLimits, Limits, Usage
 from service.domain.lifecycle import room_wait_s
-from service.domain.reading_cost import JobLimits, ReadingLimits
+from service.domain.reading_cost import ReadingLimits
 from service.storage.room import Spare, found_full, full_disk_refused
 from service.usecases.kernel import Kernel
 from worker.figures import Figures
-from worker.process import WarmChild, over_limits, timed_out, why_it_died
+from worker.process import WarmChild, why_it_died
 
 _READY_TIMEOUT_S = 120.0
 _STILLBORN_MAX = 5
@@ -66,6 +67,7 @@ class _Watch:
 
     attempt: Attempt
     child: WarmChild
+    limits: Limits
     started_at: float
     beaten_at: float
     verdict: Callable[[Session], None] | None = None
@@ -74,7 +76,6 @@ class _Watch:
     is_shown: bool = False
     is_recorded: bool = False
     is_broken_off: bool = False
-    reading: ReadingLimits | None = None
 
     def outcome(self) -> str:
         """Return how the attempt ended, in a word."""
@@ -91,6 +92,11 @@ class _Watch:
         if not self.told:
             return beat_s
         return _PROGRESS_EVERY_S if self.is_shown else 0.0
+
+    @property
+    def used(self) -> Usage:
+        """Return the most that the job was seen to take."""
+        return replace(self.child.used, wall_s=time.monotonic() - self.started_at)
 
 
 class Runner:
@@ -218,7 +224,7 @@ class Runner:
         bound.info("job started")
         workdir = self._terms.folder / attempt.token
         now = time.monotonic()
-        watch = _Watch(attempt, child, started_at=now, beaten_at=now)
+        watch = _Watch(attempt, child, self._terms.limits, started_at=now, beaten_at=now)
         self._figures.begin()
         try:
             with full_disk_refused():
@@ -234,7 +240,7 @@ class Runner:
             if child.is_working:
                 child.end()
             shutil.rmtree(workdir, ignore_errors=True)
-            took = {"seconds": time.monotonic() - watch.started_at, "cpu_s": child.cpu_s}
+            took = {"seconds": time.monotonic() - watch.started_at, "cpu_s": child.used.cpu_s}
             self._figures.end(str(attempt.kind), watch.outcome(), **took, peak_bytes=child.peak_bytes)
         self._settle(watch)
         told = {name: round(value, 3) for name, value in took.items()}
@@ -246,7 +252,7 @@ class Runner:
             if message["message"] == "progress":
                 watch.told = {"stage": message["stage"], "fraction": message["fraction"]}
                 if "reading" in message:
-                    watch.reading = ReadingLimits.from_json(message["reading"])
+                    watch.limits = ReadingLimits.from_json(message["reading"])
             else:
                 watch.last_word = message
 
@@ -263,12 +269,10 @@ class Runner:
         """Beat when it is time; end what is cancelled, lost, over a limit, or to be given back."""
         if not watch.child.is_working or watch.last_word is not None:
             return
-        now, attempt, limits = time.monotonic(), watch.attempt, self._terms.limits
-        over = over_limits(watch.child, watch.reading, limits)
-        if over is not None:
-            self._break_off(watch, self._failing(attempt, over))
-        elif now - watch.started_at > limits.wall_s:
-            self._break_off(watch, self._failing(attempt, timed_out("seconds", limits.wall_s)))
+        now, attempt = time.monotonic(), watch.attempt
+        passed = watch.limits.passed(replace(watch.child.look(), wall_s=now - watch.started_at))
+        if passed is not None:
+            self._break_off(watch, self._failing(attempt, watch.limits.refusal(passed, watch.used)))
         elif now > self._stop_by:
             self._break_off(watch, lambda s: waiting.release(s, attempt, now=self._kernel.now()))
         elif now - watch.beaten_at > watch.pause_s(self._terms.beat_s):
@@ -314,6 +318,8 @@ class Runner:
             return self._waiting(watch, message["problem"])
         if message["why"] == "unavailable":
             return lambda s: self._try_again(s, attempt, message["problem"])
+        if message["why"] == "memory":
+            return self._failing(attempt, watch.limits.refusal("memory", watch.used))
         if message["why"] == "defect":
             return self._failing(attempt, jobs.crashed(attempts=attempt.attempt, last=message["last"]))
         return lambda s: jobs.finish_failed(s, attempt, problem=message["problem"], now=self._kernel.now())
@@ -324,7 +330,7 @@ class Runner:
         log.warning("a child died", job=attempt.job_id, attempt=attempt.attempt, how=how)
         if self._kernel.room.is_used_up():  # SIGBUS, where a file is mapped
             return self._waiting(watch, found_full().problem())
-        refusal = why_it_died(watch.child, watch.reading, self._terms.limits)
+        refusal = why_it_died(watch.child, watch.limits, watch.used)
         if refusal is not None:
             return self._failing(attempt, refusal)
         problem = jobs.crashed(attempts=attempt.attempt, last=how).problem()

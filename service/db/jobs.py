@@ -248,9 +248,12 @@ def try_again(session: Session, attempt: Attempt, *, problem: dict[str, Any], no
 
 
 def crashed(*, attempts: int, last: str) -> JobCrashed:
-    """Return the refusal that a job fails with when its process died `attempts` times."""
+    """Return the refusal of a job that a defect ended, or whose process died `attempts` times."""
     times = "once" if attempts == 1 else f"{attempts} times"
-    detail = f"The job was tried {times} and did not come to its end; the last time: {last}."
+    detail = (
+        f"The job was tried {times} and did not come to its end; the last time: {last}. Nothing was changed. "
+        "Retry it once; if it ends so again, the worker's log tells the cause under the job's id."
+    )
     return JobCrashed(detail, attempts=attempts, last=last)
 
 

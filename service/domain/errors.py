@@ -560,12 +560,13 @@ class DrawingTooComplex(Rejected):
 
 
 class ReadingTooCostly(Rejected):
-    """Reading the file took more CPU or memory than a file that promises so much may take, and was stopped.
+    """Reading the file took more CPU, memory or time than a file that promises so much may take.
 
-    `limit` tells which (`cpu` or `memory`), `cpu_limit_s` and `memory_limit_bytes` how much it may take;
-    `points`, `pixels` and `cad_bytes` what the file promises by its header and its size. Export what is
-    needed of it: one floor, fewer points, a lower resolution. A file that is small and costs so much is
-    damaged, or was made to do harm.
+    It was stopped. `limit` tells at which limit (`cpu`, `memory` or `wall`); `cpu_limit_s`,
+    `memory_limit_bytes` and `wall_limit_s` how much it may take; `cpu_used_s`, `memory_used_bytes` and
+    `wall_used_s` how much it had taken; `points`, `pixels` and `cad_bytes` what the file promises by its
+    header and its size. Export what is needed of it: one floor, fewer points, a lower resolution. A file that
+    is small and costs so much is damaged, or was made to do harm.
     """
 
     title = "Reading the file costs too much"
@@ -603,22 +604,33 @@ class PlacementNotComputed(Unfulfilled):
 
 
 class JobCrashed(Unfulfilled):
-    """The process that worked on the job died, three times; nothing was changed.
+    """The work on the job came to no end: a defect ended it, or its process died in each of three tries.
 
-    The file that the job works on is kept. `attempts` counts the tries, `last` tells how the last ended.
+    Nothing was changed, and the file that the job works on is kept. `attempts` counts the tries, `last` tells
+    how the last one ended. Retry the job once; if it ends so again, the worker's log tells the cause under
+    the job's id: send it to those who look after the installation.
     """
 
     title = "The job crashed"
 
 
 class JobTimedOut(Unfulfilled):
-    """The job took longer than its limit and was stopped."""
+    """The job took longer than a job may, and was stopped.
+
+    `limit` tells at which limit: `cpu` seconds (`cpu_used_s` of `cpu_limit_s`) or seconds of the `wall` clock
+    (`wall_used_s` of `wall_limit_s`). Ask for less at a time, or let the operator raise
+    `GROUNDPLAN_JOB_CPU_S` or `GROUNDPLAN_JOB_WALL_S`.
+    """
 
     title = "The job took too long"
 
 
 class JobOutOfMemory(Unfulfilled):
-    """The job needed more memory than its limit and was stopped."""
+    """The job needed more memory than a job may take, and was stopped.
+
+    `memory_used_bytes` tells what it held, `memory_limit_bytes` what it may. Ask for less at a time, or let
+    the operator raise `GROUNDPLAN_JOB_MEMORY_BYTES`.
+    """
 
     title = "The job needed too much memory"
 

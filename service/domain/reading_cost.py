@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
-from typing import Any, Literal, Self
+from typing import Any, Self
 
 from service.domain.bounds import Bounds
-from service.domain.errors import ReadingTooCostly
+from service.domain.errors import DomainError, ReaderCrashed, ReadingTooCostly
 from service.domain.headers import Told, check_header
+from service.domain.job_limits import JobLimits, Limit, Limits, Usage
 from service.domain.media import (
     BMP,
     BUILDING_YAML,
@@ -48,19 +49,6 @@ _BYTES_PER_PIXEL = 12
 _LEAST_POINT_BYTES = {PLY: 3, PCD: 1, LAS: 1, XYZ: 6, OBJ: 8, STL: 12, E57: 2, GLB: 2, USD: 2, USDZ: 2}
 _MOST_PIXELS_PER_BYTE = dict.fromkeys((PNG, JPEG, TIFF, WEBP, PDF, ROS_MAP_ZIP), 256) | {BMP: 8, PGM: 1}
 _CAD = frozenset({DXF, DWG, SVG, IFC, PDF, BUILDING_YAML})
-
-Limit = Literal["cpu", "memory"]
-
-
-@dataclass(frozen=True)
-class JobLimits:
-    """Hold what one job may take, in all its processes, and what reading a file may that promises little."""
-
-    memory_bytes: int
-    cpu_s: float
-    wall_s: float
-    reading_memory_bytes: int
-    reading_cpu_s: float
 
 
 @dataclass(frozen=True)
@@ -136,25 +124,36 @@ class Promise:
 
 
 @dataclass(frozen=True)
-class ReadingLimits:
+class ReadingLimits(Limits):
     """Hold what reading one file may take, and why.
 
     Parameters
     ----------
+    memory_bytes : int
+        Memory that the processes which read it take beyond what a worker stands ready with.
+    cpu_s : float
+        Their CPU seconds, together.
+    wall_s : float
+        Seconds of the clock.
     file_name : str
         As its sender called it.
     promise : Promise
         What the limits follow from.
-    cpu_s : float
-        CPU seconds of all processes that read it, together.
-    memory_bytes : int
-        Memory that they take beyond what a worker stands ready with.
     """
 
     file_name: str
     promise: Promise
-    cpu_s: float
-    memory_bytes: int
+
+    @classmethod
+    def of(cls, promise: Promise, may: JobLimits, *, file_name: str) -> Self:
+        """Return the limits that follow from a promise: no job may take more than any job may."""
+        return cls(
+            memory_bytes=min(promise.memory_bytes(may.reading_memory_bytes), may.memory_bytes),
+            cpu_s=min(promise.cpu_s(may.reading_cpu_s), may.cpu_s),
+            wall_s=may.wall_s,
+            file_name=file_name,
+            promise=promise,
+        )
 
     def to_json(self) -> dict[str, Any]:
         """Return the limits as a JSON object."""
@@ -165,15 +164,12 @@ class ReadingLimits:
         """Return the limits that a JSON object tells."""
         return cls(**{**value, "promise": Promise(**value["promise"])})
 
-    def refusal(self, limit: Limit) -> ReadingTooCostly:
-        """Return the refusal of a file whose reading passed a limit."""
-        took = f"{self.cpu_s:.3g} s of CPU" if limit == "cpu" else f"{self.memory_bytes >> 20} MiB of memory"
+    def refusal(self, limit: Limit, used: Usage) -> DomainError:
+        """Return the refusal of a file whose reading was stopped at a limit."""
         return ReadingTooCostly(
-            f"Reading {self.file_name} takes more than the {took} that a file of {self.promise.words()} may "
-            f"take. {self._advice()}",
-            limit=limit,
-            cpu_limit_s=round(self.cpu_s, 1),
-            memory_limit_bytes=self.memory_bytes,
+            f"Reading {self.file_name} {self.took(limit, used)}; a file of {self.promise.words()} may take "
+            f"{self.most(limit)}. {self._advice()}",
+            **self.members(limit, used),
             points=self.promise.points,
             pixels=self.promise.pixels,
             cad_bytes=self.promise.cad_bytes,
@@ -185,6 +181,16 @@ class ReadingLimits:
         if self.promise.cad_bytes:
             return "Save the one floor that is needed, without hatches, furniture and unused blocks."
         return "Export the sheet at a lower resolution, or cut it to the plan."
+
+
+def reader_crashed(file_name: str, *, how: str) -> ReaderCrashed:
+    """Return the refusal of a file on which the process that read it ended by a fault of its own."""
+    return ReaderCrashed(
+        f"The reader crashed on {file_name} ({how}): it is damaged. Open it in the program that made it, "
+        "repair it, and export it again.",
+        file_name=file_name,
+        signal=how,
+    )
 
 
 def _points(media: Media, told: Told, size_bytes: int, bounds: Bounds) -> int:

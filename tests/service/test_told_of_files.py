@@ -33,6 +33,7 @@ CUT = {
     "plan.ifc": b"ISO-10303-21;\nHEADER;\nENDSEC;\nDATA;\n#1=IFCWALL(",
     "plan.pgm": b"P5\n400 300\n255\n" + bytes(100),
     "map.yaml": b"image: a.pgm\nresolution: 0.05\norigin: [0, 0, 0]\n",
+    "a.pdf": b"%PDF-1.7\n1 0 obj",
     "building.yaml": b"levels:\n  L1:\n    walls: []\n",
 }
 
@@ -42,6 +43,7 @@ def test_a_problem_calls_the_file_by_its_name(desk: Desk, name: str) -> None:
     shown = f"Halle Süd {name}"
     problem = desk.told("drawings", shown, CUT[name])
     assert shown in problem["detail"], problem
+    assert problem["file_name"] == shown
 
 
 SCANS = {
@@ -62,6 +64,7 @@ def test_no_problem_calls_a_scan_by_its_digest(desk: Desk, name: str) -> None:
     sent = desk.sent("scans", shown, SCANS[name])
     told = sent.json() if sent.status_code == 422 else desk.told("scans", shown, SCANS[name])
     assert not re.search(r"[0-9a-f]{40}", told["detail"]), json.dumps(told)
+    assert sent.status_code == 422 or (shown in told["detail"] and told["file_name"] == shown), told
 
 
 @pytest.mark.parametrize("name", ["..", "a/b.dxf", "図面" * 120 + ".dxf", "-rf.dxf", "x\n.dxf"])

@@ -1,12 +1,15 @@
 from __future__ import annotations
 
 import struct
+from dataclasses import replace
 
 import pytest
 
 from service.domain.bounds import Bounds
+from service.domain.job_limits import JobLimits, Limit, Usage
 from service.domain.media import HEAD_BYTES
 from service.domain.reading_cost import Promise, ReadingLimits
+from service.settings import Settings
 from tests import files
 
 BOUNDS = Bounds()
@@ -83,14 +86,77 @@ def test_memory_is_the_base_until_the_content_needs_more() -> None:
     assert ifc.memory_bytes(2 * GIB) == GIB + BOUNDS.max_model_memory_bytes
 
 
-@pytest.mark.parametrize("limit", ["cpu", "memory"])
-def test_the_refusal_says_which_limit_what_was_promised_and_what_to_do(limit: str) -> None:
-    limits = ReadingLimits("hall.ply", Promise(points=3_000_000), cpu_s=80.0, memory_bytes=2 * GIB)
+JOB = JobLimits(10 * GIB, 1800.0, 1700.0, reading_memory_bytes=2 * GIB, reading_cpu_s=60.0)
+USED = Usage(memory_bytes=2500 * MIB, cpu_s=81.26, wall_s=1700.4)
+
+
+@pytest.mark.parametrize(
+    ("limit", "told"),
+    [
+        ("cpu", "took 81.26 s of CPU; a file of 3 million points may take 80 s. Thin the scan"),
+        (
+            "memory",
+            "held 2500 MiB of memory and wanted more; a file of 3 million points may take 2048 MiB. T",
+        ),
+        ("wall", "took 1700 s; a file of 3 million points may take 1700 s. Thin the scan"),
+    ],
+)
+def test_the_refusal_says_which_limit_what_was_used_what_was_promised_and_what_to_do(
+    limit: Limit, told: str
+) -> None:
+    limits = ReadingLimits.of(Promise(points=3_000_000), JOB, file_name="hall.ply")
     assert ReadingLimits.from_json(limits.to_json()) == limits
-    problem = limits.refusal(limit).problem()  # type: ignore[arg-type]
+    problem = limits.refusal(limit, USED).problem()
     assert problem["slug"] == "reading-too-costly"
     assert (problem["limit"], problem["points"], problem["pixels"]) == (limit, 3_000_000, 0)
-    took = "80 s of CPU" if limit == "cpu" else "2048 MiB of memory"
-    assert problem["detail"].startswith(
-        f"Reading hall.ply takes more than the {took} that a file of 3 million points may take. Thin the scan"
+    assert (problem["cpu_limit_s"], problem["cpu_used_s"]) == (80.0, 81.3)
+    assert (problem["memory_limit_bytes"], problem["memory_used_bytes"]) == (2 * GIB, 2500 * MIB)
+    assert (problem["wall_limit_s"], problem["wall_used_s"]) == (1700.0, 1700.4)
+    assert problem["detail"].startswith(f"Reading hall.ply {told}")
+
+
+@pytest.mark.parametrize(
+    ("limit", "slug", "told"),
+    [
+        ("cpu", "job-timed-out", "took 81.26 s of CPU; a job may take 1800 s."),
+        ("memory", "job-out-of-memory", "held 2500 MiB of memory and wanted more; a job may take 10240 MiB."),
+        ("wall", "job-timed-out", "took 1700 s; a job may take 1700 s."),
+    ],
+)
+def test_so_does_that_of_a_job_which_reads_no_file(limit: Limit, slug: str, told: str) -> None:
+    problem = JOB.refusal(limit, USED).problem()
+    assert (problem["slug"], problem["limit"], problem["cpu_used_s"]) == (slug, limit, 81.3)
+    assert problem["detail"].startswith(f"The job {told} Ask for less at a time")
+    assert f"GROUNDPLAN_JOB_{limit.upper()}" in problem["detail"]
+
+
+@pytest.mark.parametrize(
+    ("used", "limit"),
+    [
+        (Usage(10 * GIB, 1800.0, 1700.0), None),
+        (Usage(10 * GIB + 1), "memory"),
+        (Usage(cpu_s=1800.1), "cpu"),
+        (Usage(wall_s=1700.1), "wall"),
+        (Usage(1, 1.0, 1.0).most(Usage(0, 1801.0, 0.5)), "cpu"),
+    ],
+)
+def test_a_limit_is_passed_by_more_than_it(used: Usage, limit: Limit | None) -> None:
+    assert JOB.passed(used) == limit
+
+
+def test_no_reading_may_take_more_than_any_job() -> None:
+    limits = ReadingLimits.of(
+        Promise(points=50_000_000), replace(JOB, memory_bytes=3 * GIB, cpu_s=100.0), file_name="a"
     )
+    assert (limits.memory_bytes, limits.cpu_s) == (3 * GIB, 100.0)
+
+
+def test_the_largest_scan_that_bounds_let_in_has_room_by_default() -> None:
+    """A point takes 136 bytes and 5.3 to 7.1 us of CPU (`tests/benchmarks/test_largest_files.py`)."""
+    may = Settings()
+    job = JobLimits(
+        may.job_memory_bytes, may.job_cpu_s, may.job_wall_s, may.reading_memory_bytes, may.reading_cpu_s
+    )
+    limits = ReadingLimits.of(Promise(points=BOUNDS.max_points), job, file_name="a")
+    assert limits.memory_bytes >= 1.2 * 136 * BOUNDS.max_points
+    assert limits.cpu_s == 60.0 + 10.0 * 49

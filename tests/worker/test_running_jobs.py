@@ -152,19 +152,25 @@ def test_a_job_over_its_time_is_stopped_and_says_so(sqlite_bench: Workbench, tmp
     bench = sqlite_bench
     with bench.worker(job_wall_s="1.5") as worker:
         job_id = bench.add_drawing(a_slow_drawing(tmp_path / "plan.png"))
+        bench.wait(job_id, lambda job: job.stage is not None)
         os.kill(running_job_pid(worker), signal.SIGSTOP)
         job = bench.wait_final(job_id)
     assert (job.state, job.attempt) == (JobState.FAILED, 1)
     assert job.problem is not None
-    assert job.problem["slug"] == "job-timed-out"
+    assert (job.problem["slug"], job.problem["limit"]) == ("reading-too-costly", "wall")
+    assert job.problem["wall_used_s"] >= job.problem["wall_limit_s"] == 1.5
 
 
 @pytest.mark.parametrize(
-    ("settings", "slug"),
-    [({"job_cpu_s": "0.05"}, "job-timed-out"), ({"job_memory_bytes": str(64 << 20)}, "job-out-of-memory")],
+    ("settings", "slug", "limit", "used"),
+    [
+        ({"job_cpu_s": "0.05"}, "job-timed-out", "cpu", "cpu_used_s"),
+        ({"job_memory_bytes": str(1 << 20)}, "job-out-of-memory", "memory", "memory_used_bytes"),
+        ({"job_wall_s": "0.05"}, "job-timed-out", "wall", "wall_used_s"),
+    ],
 )
 def test_a_build_over_a_limit_is_stopped_and_says_so(
-    sqlite_bench: Workbench, tmp_path: Path, settings: dict[str, str], slug: str
+    sqlite_bench: Workbench, tmp_path: Path, settings: dict[str, str], slug: str, limit: str, used: str
 ) -> None:
     bench = sqlite_bench
     with bench.worker():
@@ -175,7 +181,9 @@ def test_a_build_over_a_limit_is_stopped_and_says_so(
         job = bench.wait_final(build)
     assert (job.state, job.attempt) == (JobState.FAILED, 1)
     assert job.problem is not None
-    assert job.problem["slug"] == slug
+    assert (job.problem["slug"], job.problem["limit"]) == (slug, limit), job.problem
+    assert job.problem[used] > 0
+    assert f"GROUNDPLAN_JOB_{limit.upper()}" in job.problem["detail"]
 
 
 def test_a_job_whose_process_dies_three_times_fails_as_crashed(
@@ -189,6 +197,7 @@ def test_a_job_whose_process_dies_three_times_fails_as_crashed(
     assert job.problem is not None
     assert (job.problem["slug"], job.problem["attempts"]) == ("job-crashed", 3)
     assert job.problem["last"] == "killed by signal 9 (SIGKILL)"
+    assert "Retry it once; if it ends so again, the worker's log tells the cause" in job.problem["detail"]
 
 
 def test_a_worker_that_is_told_to_stop_gives_its_job_back(bench: Workbench, tmp_path: Path) -> None:

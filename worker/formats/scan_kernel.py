@@ -2,7 +2,8 @@
 
 Its arguments are the kind, the file, where to write the arrays, the most points, the most bytes of memory and
 its parent. It writes one JSON object to standard output, ``{"kind", "statement"}`` or
-``{"refused": leaf, "detail": ...}``; it dies with its parent.
+``{"refused": leaf, "detail": ..., "members": ...}``, or ``{"refused": "MemoryError"}``; it dies with its
+parent.
 """
 
 from __future__ import annotations
@@ -20,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from service.domain.bounds import Bounds
-from service.domain.errors import ReadingTooCostly, Rejected
+from service.domain.errors import Rejected
 from worker.geometry.scan.mesh_sampling import Mesh
 
 LOADERS = {
@@ -52,12 +53,7 @@ def main() -> int:
     except Rejected as refusal:
         answer = {"refused": type(refusal).__name__, "detail": refusal.detail, "members": refusal.members}
     except MemoryError:
-        detail = (
-            f"Reading {Path(path).name} takes more than the {int(memory) >> 20} MiB of memory that are "
-            "given to one scan. Thin it, or export it in parts."
-        )
-        members = {"limit": "memory", "memory_limit_bytes": int(memory)}
-        answer = {"refused": ReadingTooCostly.__name__, "detail": detail, "members": members}
+        answer = {"refused": MemoryError.__name__}
     json.dump(answer, answers)
     answers.write("\n")
     answers.close()

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -12,6 +13,7 @@ import numpy as np
 
 from service.domain import errors
 from service.domain.bounds import Bounds
+from service.domain.reading_cost import reader_crashed
 from worker.formats.scratch import scratch_folder
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.file_scan import FileScan, Statement
@@ -36,7 +38,9 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     Raises
     ------
     FileMalformed
-        If the library crashes on the file, or needs more time than `bounds` give.
+        If the library needs more time than `bounds` give.
+    ReaderCrashed
+        If it crashes on the file.
     ReadingTooCostly
         If it needs more memory.
     Rejected
@@ -48,10 +52,11 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
             sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.absolute()), str(output),
             str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),
         ]  # fmt: skip
-        return _loaded(json.loads(_answer(command, kind, seconds=bounds.max_scan_seconds)), output)
+        answer = json.loads(_answer(command, path, seconds=bounds.max_scan_seconds))
+        return _loaded(answer, output, path=path, bounds=bounds)
 
 
-def _answer(command: list[str], kind: str, *, seconds: float) -> bytes:
+def _answer(command: list[str], path: Path, *, seconds: float) -> bytes:
     """Return what the process answered, if it is whole: how and when the process ends then is its own."""
     try:
         done = subprocess.run(
@@ -61,18 +66,23 @@ def _answer(command: list[str], kind: str, *, seconds: float) -> bytes:
         if late.stdout is not None and late.stdout.endswith(b"\n"):
             return late.stdout
         raise errors.FileMalformed(
-            f"Reading the {kind.upper()} file takes longer than {seconds:g} s: it is damaged, or should be "
-            "thinned before it is uploaded."
+            f"Reading {path.name} takes longer than {seconds:g} s: it is damaged, or should be thinned "
+            "before it is uploaded."
         ) from late
     if not done.stdout.endswith(b"\n"):
-        how = f"signal {-done.returncode}" if done.returncode < 0 else f"exit code {done.returncode}"
-        raise errors.FileMalformed(
-            f"The reader of {kind.upper()} files crashed on this one ({how}): it is damaged. Export it again."
-        )
+        code = done.returncode
+        raise reader_crashed(path.name, how=signal.Signals(-code).name if code < 0 else f"exit code {code}")
     return done.stdout
 
 
-def _loaded(answer: dict[str, object], output: Path) -> FileScan:
+def _loaded(answer: dict[str, object], output: Path, *, path: Path, bounds: Bounds) -> FileScan:
+    if answer.get("refused") == MemoryError.__name__:
+        raise errors.ReadingTooCostly(
+            f"Reading {path.name} takes more than {bounds.max_scan_memory_bytes >> 20} MiB of memory. Thin "
+            "the scan, or export it in parts; one that is small already is damaged.",
+            limit="memory",
+            memory_limit_bytes=bounds.max_scan_memory_bytes,
+        )
     if "refused" in answer:
         leaf = getattr(errors, str(answer["refused"]))
         members = answer["members"]
