@@ -63,12 +63,12 @@ def _groups(reading: Reading, metres: float) -> NDArray[np.float64]:
     first = [_cells(c[:1], low, cell)[0] for c in centres]
     group = np.array([label[y, x] for x, y in first])
     length = np.bincount(group, weights=[w.length for w in reading.walls])
-    boxes = []
-    for g in np.flatnonzero(length >= max(_LEAST_SHARE * length.max(), 1e-9)):
-        own = np.vstack([c for c, at in zip(centres, group, strict=True) if at == g])
-        if np.ptp(own, axis=0).min() >= _LEAST_SIDE / metres:
-            boxes.append(np.concatenate([own.min(axis=0), own.max(axis=0)]))
-    return np.array(boxes).reshape(-1, 4)
+    large = np.flatnonzero(length >= max(_LEAST_SHARE * length.max(), 1e-9))
+    lows, highs = np.full((2, len(length), 2), [[[np.inf]], [[-np.inf]]])
+    np.minimum.at(lows, group, [c.min(axis=0) for c in centres])
+    np.maximum.at(highs, group, [c.max(axis=0) for c in centres])
+    boxes = np.hstack([lows, highs])[large]
+    return boxes[(boxes[:, 2:] - boxes[:, :2]).min(axis=1) >= _LEAST_SIDE / metres]
 
 
 def _links(reading: Reading, longest: float) -> list[NDArray[np.float64]]:
