@@ -109,8 +109,8 @@ def _look_until(stopping: threading.Event, turn: Turn, client: Client, bridge: B
             continue
         try:
             bridge.look()
-        except Unavailable as busy:
-            log.warning("the database did not answer", cause=busy.members.get("cause"))
+        except Unavailable as error:
+            log.warning("the database did not answer", why=error.detail)
 
 
 def _listen(client: Client, bridge: Bridge, *, interface: str) -> None:

@@ -14,7 +14,7 @@ from sqlalchemy.orm import Session
 from service.db.robots import Robot, list_vehicles
 from service.db.robots import Vehicle as Enrolled
 from service.domain.access import Actor
-from service.domain.errors import DatabaseBusy, DomainError
+from service.domain.errors import DomainError, Unavailable
 from service.domain.lifecycle import RobotState, Role
 from service.usecases.kernel import Kernel
 from service.usecases.links import LONGEST_S, link_path, sign_link
@@ -123,7 +123,7 @@ class Bridge:
 
         Raises
         ------
-        DatabaseBusy
+        Unavailable
             If the database did not answer: what was heard is kept for the next look.
         """
         with self._kernel.db.reading() as session:
@@ -145,8 +145,8 @@ class Bridge:
         try:
             if vehicle is not None:
                 remark = self._follow(one, vehicle) or remark
-        except DatabaseBusy as busy:
-            log.warning("the database did not answer", cause=busy.members.get("cause"))
+        except Unavailable as error:
+            log.warning("the database did not answer", why=error.detail)
             return
         except DomainError as refusal:
             remark = refusal.detail
@@ -161,8 +161,8 @@ class Bridge:
         log.warning("what is wrong with a vehicle", robot=robot.id, remark=remark)
         try:
             remark_on(self._kernel, robot.id, remark)
-        except DatabaseBusy as busy:
-            log.warning("the database did not answer", cause=busy.members.get("cause"))
+        except Unavailable as error:
+            log.warning("the database did not answer", why=error.detail)
 
     def _take(self, name: Name, heard: _Heard) -> None:
         """Remember what an enrolled vehicle has said."""

@@ -8,7 +8,7 @@ from collections.abc import Callable
 import structlog
 
 from service.db.leases import end_lease, hold_lease
-from service.domain.errors import DatabaseBusy
+from service.domain.errors import Unavailable
 from service.usecases.kernel import Kernel
 
 _NAME = "vda5050"
@@ -54,7 +54,7 @@ class Turn:
         if now >= self._beat_at:
             self._beat_at = now + self._beat_s
             self._beat(now)
-        return now < self._until
+        return self._clock() < self._until
 
     def end(self) -> None:
         """Let the next one begin at once."""
@@ -68,8 +68,8 @@ class Turn:
                 holder = hold_lease(
                     session, _NAME, holder=self._holder, lease_s=self._lease_s, now=self._kernel.now()
                 )
-        except DatabaseBusy as busy:
-            log.warning("the database did not answer", cause=busy.members.get("cause"))
+        except Unavailable as error:
+            log.warning("the database did not answer", why=error.detail)
             return
         self._until = now + self._lease_s if holder == self._holder else float("-inf")
         if holder not in {self._holder, self._waits_for}:
