@@ -18,7 +18,14 @@ from pydantic import ValidationError
 from sqlalchemy.exc import SQLAlchemyError
 
 from service import crash_points, logs
-from service.app import SchemaNotCurrent, create_app, open_kernel, require_schema
+from service.app import (
+    BlobsMissing,
+    SchemaNotCurrent,
+    create_app,
+    open_kernel,
+    require_blobs,
+    require_schema,
+)
 from service.db.schema import ReferencesBroken, upgrade
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
@@ -66,7 +73,7 @@ def main(argv: list[str] | None = None) -> int:
         status: int = args.run(settings, args)
     except DomainError as refusal:
         return _refuse(args, f"{refusal.slug()}: {refusal.detail}")
-    except (SchemaNotCurrent, ReferencesBroken, OSError, ValueError) as error:
+    except (SchemaNotCurrent, BlobsMissing, ReferencesBroken, OSError, ValueError) as error:
         return _refuse(args, str(error))
     except SQLAlchemyError as error:
         return _refuse(args, str(error).splitlines()[0])
@@ -84,6 +91,7 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
     _take_descriptors()
     kernel = open_kernel(settings)
     try:
+        require_blobs(kernel)
         app = create_app(settings, kernel=kernel)
         if settings.metrics_port is not None:
             app.state.metrics.serve(settings.metrics_host, settings.metrics_port)
@@ -121,6 +129,7 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
 def _migrate(settings: Settings, _args: argparse.Namespace) -> int:
     kernel = open_kernel(settings)
     try:
+        require_blobs(kernel)
         upgrade(kernel.db.engine)
     finally:
         kernel.db.close()

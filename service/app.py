@@ -53,6 +53,7 @@ from service.api.routes import (
     webhooks,
 )
 from service.api.routes import problems as problem_pages
+from service.db.blobs import has_blobs
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
 from service.domain.bounds import Bounds
@@ -117,6 +118,10 @@ class SchemaNotCurrent(Exception):
     """The database has not the schema of this version; the sentence tells what to do."""
 
 
+class BlobsMissing(Exception):
+    """The database names files and the store has none at all; the sentence tells what to do."""
+
+
 def open_kernel(settings: Settings) -> Kernel:
     """Return the kernel of this process: the database and the blobs that the settings name."""
     settings.data_dir.mkdir(parents=True, exist_ok=True)
@@ -149,6 +154,23 @@ def require_schema(kernel: Kernel) -> None:
     if not current:
         raise SchemaNotCurrent(
             f"The database {shown} has not the schema of this version; run `groundplan migrate` first."
+        )
+
+
+def require_blobs(kernel: Kernel) -> None:
+    """Pass when the store holds something, or the database, of whatever version, names nothing.
+
+    Raises
+    ------
+    BlobsMissing
+        If the files were left where they were, by an upgrade or a restored backup.
+    """
+    if kernel.blobs.is_empty() and has_blobs(kernel.db.engine):
+        raise BlobsMissing(
+            "The database names files, and the folder `blobs` of the data folder is empty. Before"
+            " docker-compose.yml gave it a volume of its own it lay in the volume `data`: copy it with"
+            " `docker run --rm -u 0 -v groundplan_data:/from:ro -v groundplan_blobs:/to groundplan-service"
+            " cp -a /from/blobs/. /to/`, then start again. Elsewhere put the backup of `blobs` back."
         )
 
 

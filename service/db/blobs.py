@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from datetime import datetime
 
+from sqlalchemy import Engine, inspect, select
 from sqlalchemy.dialects import postgresql, sqlite
 from sqlalchemy.orm import Session
 
@@ -25,6 +26,14 @@ def record_blob(session: Session, sha256: str, *, size_bytes: int, media_type: s
 def is_recorded(session: Session, sha256: str) -> bool:
     """Return whether the blob has a row."""
     return session.get(Blob, sha256) is not None
+
+
+def has_blobs(engine: Engine) -> bool:
+    """Return whether some blob has a row, in a database of any version; a new one has no table for them."""
+    with engine.connect() as connection:
+        if not inspect(connection).has_table(Blob.__tablename__):
+            return False
+        return connection.execute(select(Blob.sha256).limit(1)).first() is not None
 
 
 def blob_size(session: Session, sha256: str) -> int | None:

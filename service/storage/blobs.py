@@ -71,6 +71,9 @@ class BlobStore(Protocol):
     def exists(self, sha256: str) -> bool:
         """Return whether the blob is there."""
 
+    def is_empty(self) -> bool:
+        """Return whether no blob is there at all."""
+
     def noting(self) -> AbstractContextManager[list[NewBlob]]:
         """Give a list that takes up every blob that the block makes and that was not there before."""
 

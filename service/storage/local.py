@@ -102,14 +102,16 @@ class LocalBlobStore:
     Notes
     -----
     What is being written lies in ``blobs/.tmp/``: on one file system with the blobs, also where these have
-    a volume of their own. A blob appears by a rename after an fsync, so it is whole or not there, whatever
-    kills the process or the machine. Settling and sweeping take one lock (``blobs/.lock``), held for a
-    rename or an unlink alone: a blob that is stored again while it is being swept as an orphan survives.
+    a volume of their own (older versions wrote in ``tmp/`` beside them). A blob appears by a rename after an
+    fsync, so it is whole or not there, whatever kills the process or the machine. Settling and sweeping take
+    one lock (``blobs/.lock``), held for a rename or an unlink alone: a blob that is stored again while it is
+    being swept as an orphan survives.
     """
 
     def __init__(self, root: Path) -> None:
         self._blobs = root.absolute() / "blobs"
         self._tmp = self._blobs / ".tmp"
+        self._older_tmp = root.absolute() / "tmp"
         for folder in (self._blobs, self._tmp):
             folder.mkdir(parents=True, exist_ok=True)
 
@@ -177,6 +179,10 @@ class LocalBlobStore:
         """Return whether the blob is there."""
         return self._place(sha256).is_file()
 
+    def is_empty(self) -> bool:
+        """Return whether no blob is there at all."""
+        return next(self._blobs.glob("??/*"), None) is None
+
     def free_bytes(self) -> int:
         """Return how many bytes the disk has room for."""
         return shutil.disk_usage(self._blobs).free
@@ -219,7 +225,7 @@ class LocalBlobStore:
                 place.unlink()
 
     def sweep_staged(self, *, now_s: float, older_than_s: float = 60.0) -> list[Path]:
-        """Remove what dead processes left under ``blobs/.tmp/``, and return it.
+        """Remove what dead processes left under ``blobs/.tmp/`` or the older ``tmp/``, and return it.
 
         Parameters
         ----------
@@ -230,7 +236,7 @@ class LocalBlobStore:
             that of the last change of the name or the bytes.
         """
         swept = []
-        for path in sorted(self._tmp.iterdir()):
+        for path in sorted([*self._tmp.glob("*"), *self._older_tmp.glob("*")]):
             with suppress(FileNotFoundError):
                 if now_s - path.stat().st_ctime >= older_than_s and not _is_held(path):
                     path.unlink()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import errno
+import fcntl
 import hashlib
 import os
 import resource
@@ -145,6 +146,28 @@ def test_staged_files_of_the_living_survive_the_sweep(store: BlobStore) -> None:
         assert store.sweep_staged(now_s=time.time() + LATER_S) == []
         assert staged.keep() == Stored(SHA256, len(BYTES))
     assert store.path(SHA256).read_bytes() == BYTES
+
+
+def test_a_store_is_empty_until_its_first_blob(store: BlobStore) -> None:
+    with store.stage(max_bytes=1) as staged:
+        staged.write(b"x")
+        assert store.is_empty()
+    put(store)
+    assert not store.is_empty()
+
+
+def test_what_older_versions_left_in_their_folder_is_swept(tmp_path: Path) -> None:
+    older = tmp_path / "tmp"
+    older.mkdir()
+    left = older / "0123"
+    left.write_bytes(b"half")
+    held = older / "4567"
+    store = LocalBlobStore(tmp_path)
+    with held.open("wb") as file:
+        fcntl.flock(file, fcntl.LOCK_EX)
+        assert store.sweep_staged(now_s=time.time()) == []
+        assert store.sweep_staged(now_s=time.time() + LATER_S) == [left]
+    assert store.sweep_staged(now_s=time.time() + LATER_S) == [held]
 
 
 def test_orphans_go_when_they_are_old_and_known_blobs_stay(store: BlobStore) -> None:

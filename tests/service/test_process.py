@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import re
+import shutil
 import socket
 import subprocess
 import sys
@@ -62,6 +63,39 @@ def test_an_unmigrated_database_is_refused(tmp_path: Path) -> None:
     assert _run(settings, "migrate").returncode == 0
     made = _run(settings, "key", "create", "--role", "robot", "--name", "r2")
     assert (made.returncode, re.fullmatch(r"gp_[\w-]{43}\n", made.stdout) is not None) == (0, True)
+
+
+def _with_files(settings: Settings) -> Server:
+    with running(settings) as server:
+        ByHand(server.kernel).drawing(a_map(server.client(server.admin_key)), read=False)
+    return server
+
+
+def _refused_without_blobs(settings: Settings, server: Server) -> None:
+    """Hide the folder of the blobs by an empty one, as a new volume does."""
+    blobs, hidden = settings.data_dir / "blobs", settings.data_dir / "hidden"
+    blobs.rename(hidden)
+    for _ in range(2):  # the first start made the empty folders
+        for command in ("migrate", "serve"):
+            done = _run(settings, command)
+            assert (done.returncode, done.stdout) == (1, "")
+            assert "-v groundplan_blobs:/to groundplan-service cp -a /from/blobs/. /to/" in done.stderr
+            assert len(done.stderr.splitlines()) == 1
+    shutil.copytree(hidden, blobs, dirs_exist_ok=True)
+    assert _run(settings, "migrate").returncode == 0
+    started = start(settings, admin_key=server.admin_key)
+    started.close()
+
+
+def test_a_store_left_behind_is_refused_on_sqlite(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    _refused_without_blobs(settings, _with_files(settings))
+
+
+@pytest.mark.postgres
+def test_a_store_left_behind_is_refused_on_postgres(tmp_path: Path, postgres_url: str) -> None:
+    settings = Settings(data_dir=tmp_path / "data", database_url=postgres_url)
+    _refused_without_blobs(settings, _with_files(settings))
 
 
 @pytest.mark.parametrize(
