@@ -243,6 +243,8 @@ class Broadcast:
                     seen = await loop.run_in_executor(pool, looking)
                 except (DomainError, SQLAlchemyError) as error:
                     log.warning("listeners could not be looked for; soon again", cause=repr(error))
+                except Exception:  # a defect ends no stream at once: whoever is not looked for is cut in time
+                    log.exception("listeners could not be looked for; soon again")
                 else:
                     self._looked_at = begun
                     await self._tell(seen, key_ids)
@@ -263,10 +265,12 @@ class Broadcast:
                 listener.cut()
         for job in seen.jobs:
             self._jobs[job.id] = job.changed
-            await self._tell_job(job)
+            with _alone(job.id):
+                await self._tell_job(job)
         for event in seen.events:
-            message = event_message(event)
-            await _fan_out((one, message) for one in self._listeners() if one.hears(event))
+            with _alone(event.id):
+                message = event_message(event)
+                await _fan_out((one, message) for one in self._listeners() if one.hears(event))
 
     async def _tell_job(self, job: Job) -> None:
         theirs = [one for one in self._listeners() if one.topic.job_id == job.id]
@@ -285,6 +289,15 @@ class Broadcast:
                 for listener in self._listeners():
                     if listener.joined_at < least:
                         listener.cut()
+
+
+@contextmanager
+def _alone(thing_id: str) -> Iterator[None]:
+    """Let a thing that cannot be told keep nothing else from being told."""
+    try:
+        yield
+    except Exception:  # a row of a later version, say
+        log.exception("listeners could not be told", id=thing_id)
 
 
 async def _fan_out(told: Iterable[tuple[Listener, Message]]) -> None:

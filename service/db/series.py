@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
+from math import ceil
 from typing import Any, Literal, get_args
 
 from sqlalchemy import Integer, String, and_, column, func, select, values
@@ -94,8 +95,5 @@ def _begins(bucket: Bucket, period: tuple[datetime, datetime]) -> list[datetime]
     begin = since.replace(minute=0, second=0, microsecond=0)
     if bucket == "day":
         begin = begin.replace(hour=0)
-    begins = []
-    while begin < until:
-        begins.append(begin)
-        begin += _STEPS[bucket]
-    return begins
+    step = _STEPS[bucket]
+    return [begin + number * step for number in range(ceil((until - begin) / step))]

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import resource
+import sqlite3
 import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager, suppress
+from contextlib import closing, contextmanager, suppress
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -129,6 +130,25 @@ def test_what_one_process_writes_all_listeners_of_the_other_hear(settings: Setti
             assert server.stop() == 0
         for each in (*fleet, limited, narrowed, elsewhere):
             each.wait_for_the_end()
+
+
+def test_a_row_that_cannot_be_read_ends_no_streams_for_good(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path / "data")
+    with running(settings) as server:
+        map_id, job_id = _a_published_map(server)
+        listener = Heard(server.client(server.admin_key), f"/v1/jobs/{job_id}/events")
+        listener.wait_for("job")
+        log = settings.data_dir / "service.log"
+        for problem, told in (("{", True), (None, False)):
+            with closing(sqlite3.connect(settings.data_dir / "groundplan.sqlite3", timeout=30)) as raw, raw:
+                raw.execute("UPDATE jobs SET problem = ?, changed = changed + 1", [problem])
+            deadline = time.monotonic() + _PATIENCE_S
+            while told and "listeners could not be looked for" not in log.read_text():
+                assert time.monotonic() < deadline
+                time.sleep(0.1)
+        later = Heard(server.client(server.admin_key), "/v1/events")
+        ok(server.client(server.admin_key).post(f"/v1/maps/{map_id}/revisions/1/publish", json={}))
+        later.wait_for("publication")
 
 
 def test_a_key_revoked_in_another_process_ends_its_streams_and_no_other(settings: Settings) -> None:

@@ -71,6 +71,9 @@ def _story(server: Server) -> None:
     by_day = ok(admin.get("/v1/stats/series", params={"what": "scans", "bucket": "day", **period}))["points"]
     assert sum(point["number"] for point in by_day) == 3
     assert all(point["at"].endswith("T00:00:00Z") for point in by_day)
+    for since in ("9999-12-31T00:00:00Z", "1969-12-31T00:00:00Z", "0001-01-01T00:00:00Z"):
+        last = {"since": since, "until": f"{since[:10]}T23:59:59Z", "what": "scans"}
+        assert ok(admin.get("/v1/stats/series", params={"bucket": "day", **last}))["points"] == []
     long = {**period, "since": "2020-01-01T00:00:00Z"}
     refused(admin.get("/v1/stats/series", params={"what": "jobs", **long}), 422, "invalid-request")
     refused(one_map.get("/v1/stats/series", params={"what": "jobs", **period}), 403, "forbidden")

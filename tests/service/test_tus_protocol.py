@@ -43,7 +43,8 @@ def create(
     client: httpx.Client, metadata: str, *, content: bytes = b"", size: int = len(PLY), **headers: str
 ) -> httpx.Response:
     told = TUS | {"Upload-Length": str(size), "Upload-Metadata": metadata} | headers
-    return client.post("/v1/tus", headers=told, content=content)
+    raw = {name: value.encode("latin-1") for name, value in told.items()}
+    return client.post("/v1/tus", headers=raw, content=content)
 
 
 def problem(answer: httpx.Response, status: int, slug: str) -> dict[str, Any]:
@@ -115,6 +116,8 @@ def test_a_file_is_called_as_the_sender_calls_it(
         ("a QQ", "base64"),
         ("a QQ==,a QQ==", "twice"),
         ("a,a", "twice"),
+        ("x\x85 YQ==", "ASCII"),
+        ("x\x7f YQ==", "ASCII"),
         ("filename /w==", "UTF-8"),
         ("options /w==", "UTF-8"),
         ("a " + encoded(bytes(8000)), "characters"),

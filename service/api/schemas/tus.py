@@ -94,6 +94,8 @@ def _decode(metadata: str) -> dict[str, bytes]:
     values: dict[str, bytes] = {}
     for pair in filter(None, (part.strip() for part in metadata.split(","))):
         key, _, encoded = pair.partition(" ")
+        if not (key.isascii() and key.isprintable()):
+            raise _invalid(f"The key {key!a} in Upload-Metadata is not of printable ASCII, as tus asks for.")
         if key in values:
             raise _invalid(f"Upload-Metadata has the key {key!r} twice.")
         try:
