@@ -84,7 +84,7 @@ def fronted(server: Server, folder: Path, *, is_up: bool = True) -> Iterator[Fro
 def make_certificate(folder: Path) -> Path:
     """Return a certificate of `localhost`, made as `docker/front/start` makes one."""
     start = (ROOT / "docker" / "front" / "start").read_text()
-    made = start[start.index("openssl req") : start.index("fi\nexec")]
+    made = start[start.index("openssl req") : start.index("\nfi\n")]
     done = subprocess.run(["sh", "-euc", f"tls={folder}\n{made}"], capture_output=True, check=False)
     assert done.returncode == 0, done.stderr
     return folder / "fullchain.pem"
