@@ -52,6 +52,23 @@ def test_the_commands_of_the_readme_exist() -> None:
         assert (ROOT / command).stat().st_mode & 0o111, command
 
 
+def test_what_an_upgrade_needs_is_told_and_the_same_everywhere() -> None:
+    changelog = (ROOT / "CHANGELOG.md").read_text()
+    upgrading = changelog[changelog.index("### Upgrading") : changelog.index("### Added")]
+    commands = re.findall(r"`(docker run [^`]+)`", upgrading)
+    assert [command.rpartition(" -v groundplan_")[2].partition(":")[0] for command in commands] == [
+        "blobs",
+        "tls",
+    ]
+    operations = (ROOT / "docs" / "operations.md").read_text()
+    assert all(f"`{command}`" in operations for command in commands)
+    assert {"GROUNDPLAN_PUBLIC_URL", "GROUNDPLAN_TRUSTED_HOSTS"} <= set(
+        re.findall(r"GROUNDPLAN_\w+", upgrading)
+    )
+    settings = {f"GROUNDPLAN_{name.upper()}" for name in Settings.model_fields}
+    assert set(re.findall(r"GROUNDPLAN_\w+", changelog)) <= settings
+
+
 def test_no_file_names_a_machine() -> None:
     listed = subprocess.run(["git", "ls-files", "-z"], cwd=ROOT, capture_output=True, text=True, check=True)
     pattern = re.compile(r"/(?:hom[e]|User[s]|wor[k]|roo[t])/\w")
