@@ -35,6 +35,7 @@ VARIABLE = re.compile(r"\$\{(\w+):-([^}]*)\}")
 PASSWORD_FILE = "GROUNDPLAN_DATABASE_PASSWORD_FILE"  # noqa: S105
 METRICS_PORTS = ("9464", "9465")
 START_S = 60.0
+GIB = 1 << 30
 STOPPED = (0, -signal.SIGTERM)  # uvicorn ends its answers, then passes the signal on to itself
 EXTRA = ("scipy", "open3d", "numba", "cv2", "skimage", "PIL", "plyfile", "pypcd4", "shapely", "lzf")
 
@@ -233,6 +234,20 @@ def test_images_can_be_pinned_and_the_workers_is_compiled(compose: dict[str, Any
     assert folder is not None
     assert f"compiled:{folder[1]}" in compose["services"]["worker"]["volumes"]
     assert f"COPY --from=compiled --chown=groundplan:groundplan {folder[1]} {folder[1]}" in worker
+
+
+def test_a_job_comes_to_its_limit_of_memory_before_the_containers(compose: dict[str, Any]) -> None:
+    """A worker and its warm child stand beside the job: past the container's limit all three are killed."""
+    from service.domain.bounds import Bounds  # noqa: PLC0415
+
+    worker = compose["services"]["worker"]
+    job, container = (
+        VARIABLE.sub(r"\2", str(said))
+        for said in (worker["environment"]["GROUNDPLAN_JOB_MEMORY_BYTES"], worker["mem_limit"])
+    )
+    assert container.endswith("g")
+    assert int(container.removesuffix("g")) * GIB - int(job) >= GIB
+    assert int(job) >= 1.2 * 136 * Bounds().max_points, "the largest scan has room"
 
 
 def test_the_file_holds_no_secret_and_every_process_checks_its_health(compose: dict[str, Any]) -> None:
