@@ -96,6 +96,8 @@ class Database:
         self.engine = engine
         self.writes = 0
         """Counts the transactions of this process that were committed: whoever caches rows looks at it."""
+        self.unsure_commits = 0
+        """Counts those that were asked to commit and got no answer: the server may commit them yet."""
 
     @property
     def is_sqlite(self) -> bool:
@@ -119,13 +121,20 @@ class Database:
         StorageFull
             If the disk of the database has no room.
         """
+        is_asked = False
         try:
             with Session(self.engine, expire_on_commit=False) as session, session.begin():
                 yield session
                 session.flush()
                 crash_points.reach(f"{point}.before-commit")
+                is_asked = True
         except (OperationalError, PoolTimeout) as error:
-            raise _unavailable(error, self.engine) from error
+            refusal = _unavailable(error, self.engine)
+            self.unsure_commits += is_asked and not isinstance(refusal, StorageFull)
+            raise refusal from error
+        except BaseException:
+            self.unsure_commits += is_asked
+            raise
         self.writes += 1
         crash_points.reach(f"{point}.after-commit")
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 
 from service.db.blobs import is_recorded
@@ -15,15 +15,24 @@ from service.usecases.kernel import Kernel
 def bytes_first(kernel: Kernel) -> Iterator[None]:
     """Take back the blobs that the block made new, where it ends by an exception and no row names them.
 
-    What a crash leaves, and what the database cannot be asked about now, is swept an hour later.
+    What a crash leaves, and what the database cannot be asked about now, is swept an hour later. So is what
+    a commit without an answer was to name: its rows may come after whoever looks for them at once.
     """
-    with kernel.blobs.noting() as made:
-        try:
-            yield
-        except BaseException:
+    with kernel.blobs.noting() as made, unless_rows_may_come(kernel, lambda: _take_back(kernel, made)):
+        yield
+
+
+@contextmanager
+def unless_rows_may_come(kernel: Kernel, take_back: Callable[[], None]) -> Iterator[None]:
+    """Call `take_back` where the block ends by an exception, and every commit was answered or never sent."""
+    before = kernel.db.unsure_commits
+    try:
+        yield
+    except BaseException:
+        if kernel.db.unsure_commits == before:
             with suppress(DomainError, OSError):
-                _take_back(kernel, made)
-            raise
+                take_back()
+        raise
 
 
 def _take_back(kernel: Kernel, made: list[NewBlob]) -> None:

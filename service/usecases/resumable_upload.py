@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from datetime import timedelta
 from pathlib import Path
@@ -16,13 +16,13 @@ from service.db.models import Upload
 from service.domain.access import Actor
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
-from service.domain.errors import DomainError, FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
+from service.domain.errors import FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
 from service.domain.headers import check_header
 from service.domain.lifecycle import Role
 from service.domain.media import HEAD_BYTES, Purpose, accept
 from service.domain.scan_options import SaidOfScan
 from service.storage.pieces import Appender, PieceStore
-from service.usecases.bytes_first import bytes_first
+from service.usecases.bytes_first import bytes_first, unless_rows_may_come
 from service.usecases.kernel import Kernel
 from service.usecases.receive_drawing import receive_drawing
 from service.usecases.receive_file import ReceivedFile, require_receiver
@@ -114,14 +114,15 @@ def begin_upload(
 def begun_whole(kernel: Kernel, pieces: PieceStore) -> Iterator[list[str]]:
     """Give a list for the ids of uploads that the block begins: without their rows, their files go again."""
     begun: list[str] = []
-    try:
-        yield begun
-    except BaseException:
-        with suppress(DomainError, OSError), kernel.db.reading() as session:
+
+    def take_back() -> None:
+        with kernel.db.reading() as session:
             for upload_id in begun:
                 if table.find_upload(session, upload_id) is None:
                     pieces.remove(upload_id)
-        raise
+
+    with unless_rows_may_come(kernel, take_back):
+        yield begun
 
 
 def own_upload(
