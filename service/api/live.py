@@ -40,9 +40,9 @@ TRUSTED_S = 4.0
 
 KEEP_ALIVE_S = 15.0
 QUEUE = 1_000
-_PAUSE_S = 0.1
-_TICK_S = 0.25
-_TURNS = int(KEEP_ALIVE_S / _TICK_S)
+PAUSE_S = 0.1
+TICK_S = 0.25
+_TURNS = int(KEEP_ALIVE_S / TICK_S)
 _AT_ONCE = 50
 _LAST_WORDS_S = 0.5
 _RETRY_AFTER_S = 10
@@ -248,7 +248,7 @@ class Broadcast:
                 else:
                     self._looked_at = begun
                     await self._tell(seen, key_ids)
-                await asyncio.sleep(_PAUSE_S)
+                await asyncio.sleep(PAUSE_S)
         finally:
             pool.shutdown(wait=False)
 
@@ -280,7 +280,7 @@ class Broadcast:
     async def _keep_alive(self) -> None:
         """Send every listener a comment now and then, each tick to a few of them; end who is out of trust."""
         while True:
-            await asyncio.sleep(_TICK_S)
+            await asyncio.sleep(TICK_S)
             self._next_turn = (self._next_turn + 1) % _TURNS
             for listener in tuple(self._turns[self._next_turn]):
                 listener.put(_KEEP_ALIVE)

@@ -25,6 +25,10 @@ KEYS = 20
 SECONDS = 30.0
 ASKS = 500
 ROUNDS = 5
+MOST_SHARE = 0.05
+MOST_RATIO = 1.2
+ENDED_WITHIN_S = 5.0
+"""What is promised of a thousand listeners: share of a core, slowing of others, end of a revoked key."""
 
 
 class Stream:
@@ -132,6 +136,9 @@ async def _measured(one: Server, two: Server, publish: Callable[[], Awaitable[No
     )
     assert len(streams) == LISTENERS
     assert alive == LISTENERS - len(theirs)
+    assert with_share < MOST_SHARE
+    assert statistics.median(ratios) <= MOST_RATIO
+    assert ended_s <= ENDED_WITHIN_S
 
 
 def _compare(settings: Settings) -> None:

@@ -1,12 +1,14 @@
 """Seeded hostile files of every kind and damage through the real upload, and one table of how they ended.
 
 ``poe hostile 1-400`` pushes a file for each of these seeds, ``poe hostile --draw 400`` as many of seeds that
-are drawn and printed. What has ended is kept in a ledger, so that a run goes on where it stopped.
+are drawn and printed. What has ended is kept in a ledger, so that a run goes on where it stopped; what
+other sources, another database or other right files said counts no more.
 """
 
 from __future__ import annotations
 
 import argparse
+import hashlib
 import json
 import secrets
 import shutil
@@ -27,7 +29,9 @@ from tests.hostile.known_scans import KNOWN_SCANS
 from tests.hostile.plant import Plant, Upload, working
 from tests.postgres import running_server
 
+_ROOT = Path(__file__).resolve().parents[2]
 _LEDGER = Path("build/hostile.jsonl")
+_SOURCES = ("service", "worker", "migrations", "tests", "uv.lock")
 _AHEAD = 3
 _KNOWN = "known"
 
@@ -54,23 +58,44 @@ class Case:
 KNOWN = KNOWN_DRAWINGS | KNOWN_SCANS
 
 
-class Ledger:
-    """Keep how each case ended, a line of JSON each."""
+def digest_of(*roots: Path, word: str) -> str:
+    """Return what names a word and the files (with their contents) at and under some paths."""
+    digest = hashlib.sha256(word.encode())
+    for root in roots:
+        files = (path for path in (root, *root.rglob("*")) if path.is_file())
+        for path in sorted(path for path in files if "__pycache__" not in path.parts):
+            for part in (path.relative_to(root).as_posix().encode(), path.read_bytes()):
+                digest.update(len(part).to_bytes(8, "big") + part)
+    return digest.hexdigest()[:16]
 
-    def __init__(self, path: Path) -> None:
-        self._path = path
+
+class Ledger:
+    """Keep how each case ended, a line of JSON each.
+
+    Parameters
+    ----------
+    path : Path
+        The file; it may hold lines of many runs.
+    of : str
+        What the endings depend on beside the case (`digest_of`): lines of another are not looked at.
+    """
+
+    def __init__(self, path: Path, *, of: str) -> None:
+        self._path, self._of = path, of
         self.ended: dict[Case, dict[str, Any]] = {}
         path.parent.mkdir(parents=True, exist_ok=True)
         if path.exists():
             for line in path.read_text(encoding="utf-8").splitlines():
                 said = json.loads(line)
+                if said.pop("of", None) != of:
+                    continue
                 self.ended[Case(said.pop("kind"), said.pop("damage"), said.pop("seed"))] = said
 
     def write(self, what: Case, said: dict[str, Any]) -> None:
         """Keep how a case ended."""
         self.ended[what] = said
         with self._path.open("a", encoding="utf-8") as ledger:
-            ledger.write(json.dumps(asdict(what) | said) + "\n")
+            ledger.write(json.dumps({"of": self._of} | asdict(what) | said) + "\n")
 
 
 @dataclass
@@ -173,7 +198,10 @@ def main() -> int:
     asked = _asked()
     if asked.anew:
         asked.ledger.unlink(missing_ok=True)
-    ledger, cases = Ledger(asked.ledger), _cases(asked)
+    of = digest_of(
+        *(_ROOT / name for name in _SOURCES), *filter(None, [asked.more]), word=str(asked.postgres)
+    )
+    ledger, cases = Ledger(asked.ledger, of=of), _cases(asked)
     end = time.monotonic() + 60.0 * asked.minutes
     folder = Path(tempfile.mkdtemp(prefix="groundplan-hostile-"))
     todo = _until((what for what in cases if what not in ledger.ended), end)

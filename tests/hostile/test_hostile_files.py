@@ -12,6 +12,7 @@ from tests.hostile.damage import DAMAGES, FORMATS, case, damaged
 from tests.hostile.known_drawings import KNOWN_DRAWINGS
 from tests.hostile.known_scans import KNOWN_SCANS
 from tests.hostile.plant import Plant, working
+from tests.hostile.run import Case, Ledger, digest_of
 
 KNOWN = KNOWN_DRAWINGS | KNOWN_SCANS
 SEEDS = range(0, len(FORMATS) * len(DAMAGES), 17)  # each damage, and a third of the kinds
@@ -38,3 +39,27 @@ def test_damaged_files_end_as_readings_or_problems(postgres_url: str, tmp_path: 
         uploads = {seed: plant.send(FORMATS[case(seed)[0]][0], damaged(*case(seed), seed)) for seed in SEEDS}
         endings = {(*case(seed), seed): plant.ending(upload) for seed, upload in uploads.items()}
     assert {name: ending for name, ending in endings.items() if ending.faults} == {}
+
+
+def test_a_ledger_forgets_what_other_sources_said(tmp_path: Path) -> None:
+    sources = tmp_path / "service"
+    (sources / "deep").mkdir(parents=True)
+    code = sources / "deep" / "code.py"
+    code.write_text("1")
+    lock = tmp_path / "uv.lock"
+    lock.write_text("1")
+
+    def ledger(word: str = "sqlite") -> Ledger:
+        return Ledger(tmp_path / "ledger.jsonl", of=digest_of(sources, lock, word=word))
+
+    case_, said = Case("png", "cut", 7), {"end": "reading", "faults": []}
+    ledger().write(case_, said)
+    assert ledger().ended == {case_: said}
+    assert ledger("postgresql").ended == {}
+    for changed in (code, lock):
+        changed.write_text("2")
+        assert ledger().ended == {}
+        changed.write_text("1")
+        assert ledger().ended == {case_: said}
+    code.rename(sources / "code.py")
+    assert ledger().ended == {}
