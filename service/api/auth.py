@@ -11,6 +11,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request
 from fastapi.security import APIKeyCookie, HTTPAuthorizationCredentials, HTTPBearer
+from starlette.types import Scope
 
 from service.api.deps import KernelDep
 from service.domain.access import Actor
@@ -34,6 +35,13 @@ _cookie = APIKeyCookie(
     scheme_name="session",
     description=f"The key of a browser that signed in; changes need the header `{SESSION_HEADER}`, too.",
 )
+
+
+async def presented_secret(scope: Scope) -> str | None:
+    """Return the key that a request presents, read as the routes read it, or None."""
+    request = Request(scope)
+    bearer = await _bearer(request)
+    return await _cookie(request) if bearer is None else bearer.credentials
 
 
 def require_own_page(request: Request) -> None:

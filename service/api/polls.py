@@ -5,8 +5,10 @@ from __future__ import annotations
 import re
 import time
 
+from starlette.datastructures import Headers
 from starlette.types import ASGIApp, Receive, Scope, Send
 
+from service.api.auth import presented_secret
 from service.api.conditions import none_match
 from service.api.edge import request_id_of
 from service.api.metrics import Metrics
@@ -17,7 +19,6 @@ POINTER_CACHING = "private, no-cache"
 
 _PATH = re.compile(r"/v1/maps/([a-z]+_[0-9a-z]{1,39})/published")
 _QUERY = re.compile(rb"(?:channel=([a-z][a-z0-9-]{0,39}))?")
-_BEARER = re.compile(rb"[Bb]earer +([\x21-\x7e]+)")
 
 
 class Polls:
@@ -48,12 +49,12 @@ class Polls:
             await self.app(scope, receive, send)
             return
         begun = time.perf_counter()
-        headers = dict(scope["headers"])
-        held, presented = headers.get(b"if-none-match"), _BEARER.fullmatch(headers.get(b"authorization", b""))
+        headers = Headers(scope=scope)
+        held, secret = headers.get("if-none-match"), await presented_secret(scope)
         tag = None
-        if held is not None and presented is not None and b"if-match" not in headers:
-            tag = await self.polling.tag(presented[1].decode("ascii"), *asked)
-        if held is None or tag is None or none_match(held.decode("latin-1"), tag):
+        if held is not None and secret is not None and "if-match" not in headers:
+            tag = await self.polling.tag(secret, *asked)
+        if held is None or tag is None or none_match(held, tag):
             await self.app(scope, receive, send)
             return
         told = [

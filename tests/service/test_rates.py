@@ -7,6 +7,7 @@ from pathlib import Path
 
 import httpx
 
+from service.api.windows import MOST_KEYS, WINDOW_S, Windows
 from service.settings import Settings
 from tests.front import fronted
 from tests.server import running
@@ -32,6 +33,63 @@ def test_a_key_is_refused_past_its_limit_and_no_other(tmp_path: Path) -> None:
         assert other.get("/v1/maps").status_code == 200
         without = httpx.get(f"{server.url}/healthz")
         assert (without.status_code, without.headers.get("ratelimit")) == (200, None)
+
+
+BEARER, COOKIE = "Authorization", "Cookie"
+SPELLINGS = [
+    [(BEARER, "BEARER {key}")],
+    [(BEARER, "bEARER   {key}")],
+    [(BEARER, "Bearer {key}"), (BEARER, "Bearer gp_{n}")],
+    [(BEARER, "Bearer {key}"), (BEARER, "Basic {n}")],
+    [(BEARER, "Basic {n}"), (COOKIE, "groundplan_session={key}")],
+    [(COOKIE, "groundplan_session={key}"), (COOKIE, "other={n}")],
+    [(COOKIE, "groundplan_session={n}; groundplan_session={key}")],
+    [(COOKIE, "groundplan_session={n}"), (COOKIE, "groundplan_session={key}")],
+    [(COOKIE, "a[{n}]=(x); groundplan_session={key}")],
+    [(COOKIE, 'groundplan_session="\\147{tail}"')],
+]
+"""Ways to present a key that opens the door; `n` is another number each time."""
+
+
+def test_no_spelling_of_a_key_is_counted_elsewhere(tmp_path: Path) -> None:
+    limit = {"GROUNDPLAN_MAX_REQUESTS_PER_KEY_PER_MINUTE": "20"}
+    with running(Settings(data_dir=tmp_path), **limit) as server:
+        admin, asked = server.client(server.admin_key), {"name": "r", "role": "robot"}
+        for spelling in SPELLINGS:
+            key = ok(admin.post("/v1/keys", json=asked), 201)["key"]
+            told = []
+            for n in range(22):
+                headers = [(name, value.format(key=key, tail=key[1:], n=n)) for name, value in spelling]
+                told.append(httpx.get(f"{server.url}/v1/maps", headers=headers).status_code)
+            assert told == [200] * 20 + [429] * 2, spelling
+
+
+def test_what_strangers_invent_takes_no_more_than_its_room() -> None:
+    windows = Windows(most=3, clock=lambda: 1.0)
+    for n in range(MOST_KEYS):
+        windows.hit(f"stranger {n}")
+    assert len(windows) == MOST_KEYS
+    assert windows.hit("stranger 0").left == 1, "it is still known, and heard last now"
+    windows.hit("one more")
+    assert len(windows) == MOST_KEYS
+    assert windows.hit("stranger 0").left == 0
+    assert windows.hit("stranger 1").left == 2, "the one not heard for longest was forgotten"
+    assert Settings.model_fields["max_requests_per_key_per_minute"].default < MOST_KEYS
+
+
+def test_the_window_slides() -> None:
+    now = [0.0]
+    windows = Windows(most=60, clock=lambda: now[0])
+    assert [windows.hit("key").is_within for _ in range(61)] == [True] * 60 + [False]
+    assert windows.hit("key").more_in_s == WINDOW_S
+    now[0] = WINDOW_S + 0.0
+    assert not windows.hit("key").is_within, "all of the last window is still covered"
+    now[0] = WINDOW_S + 1.0
+    assert [windows.hit("key").is_within for _ in range(2)] == [True, False]
+    now[0] = WINDOW_S + 30.0
+    assert sum(windows.hit("key").is_within for _ in range(60)) == 29
+    now[0] = 3.0 * WINDOW_S
+    assert sum(windows.hit("key").is_within for _ in range(61)) == 60
 
 
 def test_polls_from_memory_count(tmp_path: Path) -> None:
