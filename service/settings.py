@@ -183,8 +183,12 @@ class Settings(BaseSettings):
         return parse_networks(self.webhook_networks or "")
 
     def folders(self) -> dict[str, Path]:
-        """Return the folders that this installation writes to, by what lies there; files first."""
-        found = {"data": self.data_dir}
+        """Return the folders that this installation writes to, by what lies there."""
+        found = {
+            "data": self.data_dir,
+            "uploads": self.data_dir / "uploads",
+            "blobs": self.data_dir / "blobs",
+        }
         url = make_url(self.url())
         if url.get_backend_name() == "sqlite" and url.database:
             found["database"] = Path(url.database).parent

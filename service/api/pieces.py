@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import functools
 from dataclasses import dataclass
 
 from fastapi import Request
@@ -12,7 +13,7 @@ from service.db.models import Upload
 from service.domain.checksum import Checksum
 from service.domain.errors import UnsupportedMedia, UploadOffsetMismatch
 from service.storage.pieces import Appender, PieceStore
-from service.storage.room import Room
+from service.storage.room import PIECES, Room
 from service.usecases.resumable_upload import check_beginning
 
 PIECE = "application/offset+octet-stream"
@@ -77,8 +78,8 @@ async def append_body(
         check_beginning(upload, appender)
         refuse_by_length(request, max_bytes=upload.size_bytes - piece.offset)
         if piece.offset < upload.size_bytes:  # one that is complete takes no more room
-            copies = 1 if piece.checksum is None else 2
-            await run_in_threadpool(room.require, copies * announced_bytes(request))
+            more_bytes = announced_bytes(request) * (1 if piece.checksum is None else 2)
+            await run_in_threadpool(functools.partial(room.require, more_bytes, into=PIECES))
         await _take(request, appender, piece.checksum, room=room)
         check_beginning(upload, appender)
     finally:
@@ -88,7 +89,7 @@ async def append_body(
 
 async def _take(request: Request, appender: Appender, checksum: Checksum | None, *, room: Room) -> None:
     def take(batch: bytes) -> None:
-        room.require(len(batch))
+        room.require(len(batch), into=PIECES)
         if checksum is None:
             appender.write(batch)
         else:

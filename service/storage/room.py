@@ -6,7 +6,7 @@ import errno
 import os
 import shutil
 import tempfile
-from collections.abc import Iterator, Mapping
+from collections.abc import Collection, Iterator, Mapping
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
@@ -26,6 +26,13 @@ _NEXT_WRITE_BYTES = 1 << 20
 """What buffered writers, and mappings of files, may ask for at once."""
 
 
+BLOBS = frozenset({"blobs"})
+"""Where a file goes that comes in one piece: it is staged beside the blobs."""
+
+PIECES = frozenset({"uploads"})
+"""Where an upload in pieces grows; in the end it becomes a blob, which is a copy where those have a disk."""
+
+
 @dataclass(frozen=True)
 class Space:
     """Hold how one file system stands.
@@ -33,7 +40,7 @@ class Space:
     Parameters
     ----------
     name : str
-        What lies on it: ``data`` or ``database``.
+        What lies on it: ``data``, ``uploads``, ``blobs`` or ``database``; the first of several.
     free_bytes, reserve_bytes : int
         What is free, and how much of it is kept in reserve.
     """
@@ -66,7 +73,7 @@ class Room:
     Parameters
     ----------
     folders : mapping of str to Path
-        What lies where; the first takes the files. Folders of one file system are looked at as one.
+        What lies where. Folders of one file system are looked at as one.
     reserve_bytes : int, optional
         What is kept free on each; by default as `reserve_of` has it.
     """
@@ -77,37 +84,53 @@ class Room:
 
     def spaces(self) -> list[Space]:
         """Return how each file system stands; one that is not there yet is left out."""
-        seen: dict[int, Space] = {}
-        for name, folder in self._folders.items():
-            if folder.is_dir() and (device := folder.stat().st_dev) not in seen:
-                usage = shutil.disk_usage(folder)
-                kept = reserve_of(usage.total) if self._reserve_bytes is None else self._reserve_bytes
-                seen[device] = Space(name, usage.free, kept)
-        return list(seen.values())
+        return list(self._by_device().values())
 
     def is_used_up(self) -> bool:
         """Return whether some disk has no room for a next write, reserve or not."""
         return any(space.free_bytes < _NEXT_WRITE_BYTES for space in self.spaces())
 
-    def refusal(self, more_bytes: int = 0) -> StorageFull | None:
-        """Return why nothing more may be begun, or `more_bytes` not be taken; None while there is room."""
-        for space in self.spaces():
-            left = Space(space.name, space.free_bytes - more_bytes, space.reserve_bytes)
-            if left.is_full:
-                return space.refusal(more_bytes)
-            more_bytes = 0
+    def refusal(self, more_bytes: int = 0, *, into: Collection[str] = BLOBS) -> StorageFull | None:
+        """Return why nothing more may be begun, or `more_bytes` not be taken; None while there is room.
+
+        Parameters
+        ----------
+        more_bytes : int, default 0
+            What would be written.
+        into : collection of str
+            The folders that it is written to; of two on one file system, as one of them.
+        """
+        filled = {_device(folder) for name, folder in self._folders.items() if name in into}
+        for device, space in self._by_device().items():
+            more = more_bytes if device in filled else 0
+            if Space(space.name, space.free_bytes - more, space.reserve_bytes).is_full:
+                return space.refusal(more)
         return None
 
-    def require(self, more_bytes: int = 0) -> None:
-        """Pass while the reserve stays untouched, also by `more_bytes` of files.
+    def require(self, more_bytes: int = 0, *, into: Collection[str] = BLOBS) -> None:
+        """Pass while the reserve stays untouched, also by `more_bytes` of files: see `refusal`.
 
         Raises
         ------
         StorageFull
             If it does not.
         """
-        if (refusal := self.refusal(more_bytes)) is not None:
+        if (refusal := self.refusal(more_bytes, into=into)) is not None:
             raise refusal
+
+    def _by_device(self) -> dict[int, Space]:
+        seen: dict[int, Space] = {}
+        for name, folder in self._folders.items():
+            device = _device(folder)
+            if device is not None and device not in seen:
+                usage = shutil.disk_usage(folder)
+                kept = reserve_of(usage.total) if self._reserve_bytes is None else self._reserve_bytes
+                seen[device] = Space(name, usage.free, kept)
+        return seen
+
+
+def _device(folder: Path) -> int | None:
+    return folder.stat().st_dev if folder.is_dir() else None
 
 
 class Spare:

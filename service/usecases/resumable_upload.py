@@ -22,6 +22,7 @@ from service.domain.lifecycle import Role
 from service.domain.media import HEAD_BYTES, Purpose, accept
 from service.domain.scan_options import SaidOfScan
 from service.storage.pieces import Appender, PieceStore
+from service.storage.room import BLOBS, PIECES
 from service.usecases.bytes_first import bytes_first, unless_rows_may_come
 from service.usecases.kernel import Kernel
 from service.usecases.receive_drawing import receive_drawing
@@ -88,7 +89,7 @@ def begin_upload(
     if size_bytes == 0:
         raise FileEmpty("The file has no bytes; look at it where it comes from, and upload it again.")
     _options(announced.purpose, announced.options)
-    kernel.room.require(size_bytes)
+    kernel.room.require(size_bytes, into=PIECES | BLOBS)
     now = kernel.now()
     upload = Upload(
         id=kernel.new_id("upl"),

@@ -9,6 +9,7 @@ import base64
 import os
 import threading
 from collections.abc import Callable, Iterator
+from pathlib import Path
 
 import httpx
 import psutil
@@ -177,3 +178,22 @@ def test_pieces_stop_at_the_reserve_and_go_on(story: Story) -> None:
     before = story.drawings()
     assert story.send_rest(content).status_code == 204
     assert len(story.drawings()) == len(before) + 1
+
+
+def test_blobs_on_a_full_disk_of_their_own_are_refused(tmp_path: Path) -> None:
+    data_dir = tmp_path / "data"
+    data_dir.mkdir()
+    with mounted(data_dir / "blobs") as disk:
+        told = {"GROUNDPLAN_RESERVE_BYTES": str(RESERVE_BYTES)}
+        server = start(Settings(data_dir=data_dir), **told)
+        client = server.client(server.admin_key)
+        where = f"/v1/maps/{a_map(client)}/drawings"
+        disk.fill(leave_bytes=RESERVE_BYTES // 2)
+        problem = refused(client.post(where, files={"file": ("a.png", files.png())}), 507, "storage-full")
+        assert "(blobs)" in problem["detail"]
+        disk.make_room()
+        disk.fill(leave_bytes=2 * RESERVE_BYTES)
+        too_long = client.post(where, files={"file": ("a.png", files.png() + bytes(2 * RESERVE_BYTES))})
+        assert "(blobs)" in refused(too_long, 507, "storage-full")["detail"]
+        assert client.post(where, files={"file": ("a.png", files.png())}).status_code == 202
+        server.close()

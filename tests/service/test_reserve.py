@@ -5,18 +5,23 @@ from __future__ import annotations
 import base64
 import errno
 import os
+import shutil
 import socket
+import tempfile
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import httpx
 import pytest
 
+from service.app import open_kernel
 from service.domain.errors import StorageFull
 from service.domain.reserve import RESERVE_BYTES, reserve_of
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
+from service.storage.pieces import PieceStore
 from service.storage.room import Room, Space, tells_full_disk
 from service.usecases.bytes_first import bytes_first
 from tests import files
@@ -112,12 +117,45 @@ def test_a_disk_is_full_below_its_reserve(free: int, is_full: bool) -> None:  # 
 def test_room_is_asked_for_what_would_be_taken(tmp_path: Path) -> None:
     usage = os.statvfs(tmp_path)
     free = usage.f_bavail * usage.f_frsize
-    room = Room({"data": tmp_path, "database": tmp_path}, reserve_bytes=free // 2)
+    room = Room({"data": tmp_path, "blobs": tmp_path}, reserve_bytes=free // 2)
     room.require(free // 4)
     with pytest.raises(StorageFull) as refusal:
         room.require(free)
     assert refusal.value.members["reserve_bytes"] == free // 2
     assert [space.name for space in room.spaces()] == ["data"], "one disk is looked at once"
+
+
+def test_room_is_asked_for_on_the_disk_where_the_bytes_go(tmp_path: Path) -> None:
+    with a_disk_of_its_own() as other:
+        free = min(shutil.disk_usage(folder).free for folder in (tmp_path, other))
+        here = Room({"data": tmp_path, "uploads": tmp_path, "blobs": other}, reserve_bytes=0)
+        for folders, into in (({"blobs"}, other), ({"uploads"}, tmp_path)):
+            more = shutil.disk_usage(into).free + (64 << 20)
+            with pytest.raises(StorageFull) as refusal:
+                here.require(more, into=folders)
+            name = "blobs" if into == other else "data"
+            assert f"({name})" in refusal.value.detail
+        here.require(free // 2, into={"uploads", "blobs"})
+        assert [space.name for space in here.spaces()] == ["data", "blobs"]
+
+
+def test_every_folder_that_takes_files_is_looked_at(tmp_path: Path) -> None:
+    settings = Settings(data_dir=tmp_path)
+    told = {"data": tmp_path, "uploads": tmp_path / "uploads", "blobs": tmp_path / "blobs"}
+    assert settings.folders() == told | {"database": tmp_path}
+    open_kernel(settings).db.close()
+    PieceStore(tmp_path)
+    assert {path.name for path in tmp_path.iterdir() if path.is_dir()} <= set(settings.folders())
+
+
+@contextmanager
+def a_disk_of_its_own() -> Iterator[Path]:
+    """Give a folder on another file system than the temporary files'; skip where there is none."""
+    shared = Path("/dev/shm")  # noqa: S108 - a folder of our own in it
+    if not shared.is_dir() or shared.stat().st_dev == Path(tempfile.gettempdir()).stat().st_dev:
+        pytest.skip("this machine has no second file system to write to")
+    with tempfile.TemporaryDirectory(dir=shared) as folder:
+        yield Path(folder)
 
 
 def test_an_error_far_below_tells_of_the_full_disk() -> None:
