@@ -132,7 +132,12 @@ class Settings(BaseSettings):
         description="Least seconds until a job that found the disk full is tried again; twice as long as"
         " the try took where that is more.",
     )
-    job_memory_bytes: int = Field(10240 * MIB, gt=0, description="Memory that one job may take.")
+    job_memory_bytes: int | None = Field(
+        None,
+        gt=0,
+        description="Memory that one job may take. By default 10 GiB or 80 % of what the machine, or the"
+        " container, has, the lesser.",
+    )
     job_cpu_s: float = Field(1800.0, gt=0, description="CPU seconds that one job may take.")
     reading_cpu_s: float = Field(
         60.0,

@@ -14,7 +14,8 @@ import structlog
 from service import crash_points, logs
 from service.db.delivery import open_delivery
 from service.db.session import Database, open_engine
-from service.domain.job_limits import JobLimits
+from service.domain.job_limits import JobLimits, job_memory_of
+from service.machine import memory_bytes
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.room import Room
@@ -37,7 +38,7 @@ def main() -> int:
         room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
     )
     limits = JobLimits(
-        memory_bytes=settings.job_memory_bytes,
+        memory_bytes=settings.job_memory_bytes or job_memory_of(memory_bytes()),
         cpu_s=settings.job_cpu_s,
         wall_s=settings.job_wall_s,
         reading_memory_bytes=settings.reading_memory_bytes,

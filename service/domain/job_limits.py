@@ -9,6 +9,25 @@ from service.domain.errors import DomainError, JobOutOfMemory, JobTimedOut
 
 Limit = Literal["cpu", "memory", "wall"]
 
+JOB_MEMORY_BYTES = 10 << 30
+"""Most that a job may take unless an operator says otherwise [bytes]: the largest scan takes 7 GiB."""
+
+JOB_MEMORY_SHARE = 0.8
+"""Share of a small machine's or container's memory in its place: the rest is the worker's and others'."""
+
+
+def job_memory_of(total_bytes: int) -> int:
+    """Return how much memory a job may take where there is so much: 10 GiB or 80 %, the lesser.
+
+    Examples
+    --------
+    >>> job_memory_of(10 << 30) == 8 << 30
+    True
+    >>> job_memory_of(64 << 30) == 10 << 30
+    True
+    """
+    return min(JOB_MEMORY_BYTES, int(total_bytes * JOB_MEMORY_SHARE))
+
 
 @dataclass(frozen=True)
 class Usage:

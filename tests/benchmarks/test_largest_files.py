@@ -13,7 +13,7 @@ import pytest
 from PIL import Image
 
 from service.domain.bounds import Bounds
-from service.domain.job_limits import JobLimits
+from service.domain.job_limits import JOB_MEMORY_BYTES, JobLimits
 from service.domain.lifecycle import JobState
 from service.domain.media import HEAD_BYTES
 from service.domain.reading_cost import Promise, ReadingLimits
@@ -94,7 +94,7 @@ FILES: dict[str, Callable[[Path], Path]] = {
 def _limits(path: Path) -> ReadingLimits:
     may = Settings()
     job = JobLimits(
-        may.job_memory_bytes, may.job_cpu_s, may.job_wall_s, may.reading_memory_bytes, may.reading_cpu_s
+        JOB_MEMORY_BYTES, may.job_cpu_s, may.job_wall_s, may.reading_memory_bytes, may.reading_cpu_s
     )
     head = path.read_bytes()[:HEAD_BYTES]
     promise = Promise.of(head, size_bytes=path.stat().st_size, bounds=Bounds())

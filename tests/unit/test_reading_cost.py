@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from service.domain.bounds import Bounds
-from service.domain.job_limits import JobLimits, Limit, Usage
+from service.domain.job_limits import JOB_MEMORY_BYTES, JobLimits, Limit, Usage
 from service.domain.media import HEAD_BYTES
 from service.domain.reading_cost import Promise, ReadingLimits
 from service.settings import Settings
@@ -155,7 +155,7 @@ def test_the_largest_scan_that_bounds_let_in_has_room_by_default() -> None:
     """A point takes 136 bytes and 5.3 to 7.1 us of CPU (`tests/benchmarks/test_largest_files.py`)."""
     may = Settings()
     job = JobLimits(
-        may.job_memory_bytes, may.job_cpu_s, may.job_wall_s, may.reading_memory_bytes, may.reading_cpu_s
+        JOB_MEMORY_BYTES, may.job_cpu_s, may.job_wall_s, may.reading_memory_bytes, may.reading_cpu_s
     )
     limits = ReadingLimits.of(Promise(points=BOUNDS.max_points), job, file_name="a")
     assert limits.memory_bytes >= 1.2 * 136 * BOUNDS.max_points
