@@ -67,8 +67,8 @@ def in_turn(session: Session, *, now: datetime) -> Iterator[Job]:
     Notes
     -----
     What was done while nobody waited is forgotten: a key that has worked alone owes nothing. The product's
-    own jobs (webhooks, deltas) take turns as one key does. A job that another worker has just locked is
-    passed over (PostgreSQL; on SQLite one claims at a time).
+    own jobs (webhooks, deltas that it foresees) take turns as one key does. A job that another worker has
+    just locked is passed over (PostgreSQL; on SQLite one claims at a time).
     """
     while True:
         job = next(_candidates(session, now), None)

@@ -54,14 +54,14 @@ def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int
             job_id=job.id,
             retry_after_s=_RETRY_FAILED_S,
         )
-    job_id = job.id if job else ask_for_delta(kernel, map_id=map_id, from_sha256=old, to_sha256=new)
+    job_id = job.id if job else ask_for_delta(kernel, actor, map_id=map_id, from_sha256=old, to_sha256=new)
     raise DeltaNotReady(
         "The delta is being made; ask again in a moment.", job_id=job_id, retry_after_s=_RETRY_S
     )
 
 
-def ask_for_delta(kernel: Kernel, *, map_id: str, from_sha256: str, to_sha256: str) -> str:
-    """Return the id of the job that makes or made the delta; the first who asks begins it.
+def ask_for_delta(kernel: Kernel, actor: Actor, *, map_id: str, from_sha256: str, to_sha256: str) -> str:
+    """Return the id of the job that makes or made the delta; the first who asks begins it, in its own turn.
 
     Raises
     ------
@@ -71,7 +71,9 @@ def ask_for_delta(kernel: Kernel, *, map_id: str, from_sha256: str, to_sha256: s
     kernel.room.require()
     with kernel.db.writing("ask-delta") as session:
         find_map(session, map_id, lock=True)
-        return _wanted(kernel, session, map_id, from_sha256=from_sha256, to_sha256=to_sha256)
+        return _wanted(
+            kernel, session, map_id, from_sha256=from_sha256, to_sha256=to_sha256, key_id=actor.key_id
+        )
 
 
 def foresee_delta(kernel: Kernel, session: Session, map_id: str, *, from_n: int, to_n: int) -> None:
@@ -87,11 +89,13 @@ def foresee_delta(kernel: Kernel, session: Session, map_id: str, *, from_n: int,
         clouds.append(None if found is None else found.sha256)
     old, new = clouds
     if old is not None and new is not None and old != new:
-        _wanted(kernel, session, map_id, from_sha256=old, to_sha256=new)
+        _wanted(kernel, session, map_id, from_sha256=old, to_sha256=new, key_id=None)
 
 
-def _wanted(kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, to_sha256: str) -> str:
-    """Return the id of the delta's job, of a map that this transaction holds."""
+def _wanted(
+    kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, to_sha256: str, key_id: str | None
+) -> str:
+    """Return the id of the delta's job, of a map that this transaction holds; a new one is the key's."""
     found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
     if found is not None:
         return found.job_id
@@ -102,7 +106,7 @@ def _wanted(kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, 
         job_id=kernel.new_id("job"),
         map_id=map_id,
         subject_id=delta_id,
-        key_id=None,
+        key_id=key_id,
         now=now,
     )
     session.add(
@@ -137,7 +141,7 @@ def dictionary_form(
         known = is_cloud_of(session, map_id, path=CLOUD_PATH, sha256=held_sha256)
     if known:
         with suppress(Unavailable):  # the file itself goes out all the same
-            ask_for_delta(kernel, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
+            ask_for_delta(kernel, actor, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
     return None
 
 

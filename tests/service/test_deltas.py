@@ -12,7 +12,9 @@ from pathlib import Path
 
 import httpx
 import pytest
+from sqlalchemy import select
 
+from service.db.models import Job
 from tests.server import ClientFor
 from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import ByHand
@@ -223,3 +225,26 @@ def test_a_link_dies_with_the_key_that_signed_it(
     refused(admin.get(f"{two.where}/2/link", params={"path": "nothing"}), 404, "artifact-not-found")
     stranger = client_for("robot", [a_map(admin)])
     refused(stranger.get(f"{two.where}/2/link", params=asked), 404, "map-not-found")
+
+
+def test_a_delta_waits_in_the_turn_of_the_key_that_asked(admin: httpx.Client, by_hand: ByHand) -> None:
+    """Fair turns then hold for them: what the product itself has to do waits for one of them at most."""
+    map_id = a_map(admin)
+    for n in range(4):
+        built_revision(admin, by_hand, map_id, {"point-cloud.pcd": b"cloud %d" % n})
+    made = ok(admin.post("/v1/keys", json={"name": "r", "role": "robot"}), 201)
+    key_id, robot = made["id"], {"Authorization": f"Bearer {made['key']}"}
+    where = f"/v1/maps/{map_id}/revisions"
+    by_file = refused(admin.get(f"{where}/4/delta?from=1", headers=robot), 503, "delta-not-ready")["job_id"]
+    offer = base64.b64encode(hashlib.sha256(b"cloud 1").digest()).decode()
+    asking = {**robot, "Accept-Encoding": "dcz", "Available-Dictionary": f":{offer}:"}
+    assert admin.get(f"{where}/4/artifacts/point-cloud.pcd", headers=asking).status_code == 200
+    for n in (1, 4):
+        ok(admin.post(f"{where}/{n}/publish", json={"channel": "stable"}))
+    for n in (1, 3):
+        ok(admin.post(f"{where}/{n}/publish", json={"channel": "beta"}))
+    with by_hand.kernel.db.reading() as session:
+        wanted = select(Job.id, Job.key_id).where(Job.map_id == map_id, Job.kind == "make-delta")
+        keys = {row.id: row.key_id for row in session.execute(wanted)}
+    assert keys[by_file] == key_id
+    assert sorted(keys.values(), key=str) == sorted([key_id, key_id, None], key=str), "one was foreseen"

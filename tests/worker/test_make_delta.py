@@ -42,7 +42,9 @@ def test_a_worker_makes_the_delta_that_a_robot_asked_for(bench: Workbench, tmp_p
         assert len(session.scalars(select(Job).where(Job.kind == "make-delta")).all()) == 1
     patch = ["zstd", "-dqc", "--long=31", f"--patch-from={old.path}", delta.path]
     assert subprocess.run(patch, capture_output=True, check=True).stdout == new.path.read_bytes()
-    again = ask_for_delta(bench.kernel, map_id=bench.map_id, from_sha256=old.sha256, to_sha256=new.sha256)
+    again = ask_for_delta(
+        bench.kernel, admin, map_id=bench.map_id, from_sha256=old.sha256, to_sha256=new.sha256
+    )
     assert again == job.id
     form = dictionary_form(
         bench.kernel, admin, map_id=bench.map_id, held_sha256=old.sha256, wanted_sha256=new.sha256

@@ -266,7 +266,10 @@ class Workbench:
             with self.kernel.blobs.stage(max_bytes=len(content)) as staged:
                 staged.write(content)
                 sha256s.append(staged.keep().sha256)
-        return ask_for_delta(self.kernel, map_id=self.map_id, from_sha256=sha256s[0], to_sha256=sha256s[1])
+        asker = Actor(self.key_id, Role.ADMIN)
+        return ask_for_delta(
+            self.kernel, asker, map_id=self.map_id, from_sha256=sha256s[0], to_sha256=sha256s[1]
+        )
 
     def add_comparison(self, with_n: int, n: int) -> str:
         """Return the job that compares two revisions, asked for as a person does."""
