@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from service.domain.bounds import Bounds
-from service.domain.errors import DrawingTooComplex, FileMalformed
+from service.domain.errors import DrawingTooComplex, FileMalformed, ReaderCrashed
 from worker.formats import ifc_process, scan_process
 
 ANSWER = '{"storey": "L1"}'
@@ -71,6 +71,6 @@ def test_a_whole_answer_of_a_scan_s_reader_counts(end: str) -> None:
 
 def test_a_scan_s_reader_that_says_nothing_is_late_or_has_crashed() -> None:
     with pytest.raises(FileMalformed, match="takes longer"):
-        scan_process._answer(["sleep", "600"], "las", seconds=0.2)
-    with pytest.raises(FileMalformed, match="signal 11"):
-        scan_process._answer(["sh", "-c", "printf x; kill -SEGV $$"], "las", seconds=60.0)
+        scan_process._answer(["sleep", "600"], Path("a.las"), seconds=0.2)
+    with pytest.raises(ReaderCrashed, match=r"a\.las \(SIGSEGV\)"):
+        scan_process._answer(["sh", "-c", "printf x; kill -SEGV $$"], Path("a.las"), seconds=60.0)
