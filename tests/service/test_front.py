@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import base64
 import hashlib
+import random
 import secrets
 import socket
 import ssl
@@ -23,7 +24,7 @@ from tests.server import Server, running, start
 from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import ByHand
 
-BIG = secrets.token_bytes(3_000_000)
+BIG = random.Random(20).randbytes(3_000_000)
 CODED = b"stands in for the coded form of the same file"
 _BY_NGINX_ALONE = {
     "server",
