@@ -67,8 +67,9 @@ def _groups(reading: Reading, metres: float) -> NDArray[np.float64]:
     lows, highs = np.full((2, len(length), 2), [[[np.inf]], [[-np.inf]]])
     np.minimum.at(lows, group, [c.min(axis=0) for c in centres])
     np.maximum.at(highs, group, [c.max(axis=0) for c in centres])
-    boxes = np.hstack([lows, highs])[large]
-    return boxes[(boxes[:, 2:] - boxes[:, :2]).min(axis=1) >= _LEAST_SIDE / metres]
+    boxes: NDArray[np.float64] = np.hstack([lows, highs])[large]
+    wide = (boxes[:, 2:] - boxes[:, :2]).min(axis=1) >= _LEAST_SIDE / metres
+    return np.asarray(boxes[wide])
 
 
 def _links(reading: Reading, longest: float) -> list[NDArray[np.float64]]:
