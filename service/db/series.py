@@ -13,7 +13,7 @@ from sqlalchemy.orm import Session
 
 from service.db.models import Drawing, Job, Placement, Revision, Scan
 from service.db.robots import RobotReport
-from service.domain.acceptance import Verdict
+from service.domain.acceptance_table import Verdict
 from service.domain.ids import first_id_at
 from service.domain.lifecycle import JobState, RevisionStatus, RobotState
 
