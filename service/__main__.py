@@ -15,6 +15,7 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
+from sqlalchemy import make_url
 from sqlalchemy.exc import SQLAlchemyError
 
 from service import crash_points, logs
@@ -76,7 +77,8 @@ def main(argv: list[str] | None = None) -> int:
     except (SchemaNotCurrent, BlobsMissing, ReferencesBroken, OSError, ValueError) as error:
         return _refuse(args, str(error))
     except SQLAlchemyError as error:
-        return _refuse(args, str(error).splitlines()[0])
+        shown = make_url(settings.url()).render_as_string(hide_password=True)
+        return _refuse(args, f"the database {shown} cannot be used: {str(error).splitlines()[0]}")
     return status
 
 
