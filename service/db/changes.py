@@ -7,7 +7,6 @@ import threading
 from abc import ABC, abstractmethod
 from typing import Any
 
-import psycopg
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.pool import PoolProxiedConnection
@@ -44,7 +43,7 @@ class Changes(ABC):
                 self._connection = self._database.engine.raw_connection()
                 self._prepare(self._connection.driver_connection)
             self._wait(self._connection.driver_connection, timeout_s)
-        except (SQLAlchemyError, psycopg.Error, sqlite3.Error) as error:
+        except (SQLAlchemyError, self._database.driver_error) as error:
             log.warning("changes are not told at present and are looked for", cause=repr(error))
             self._drop()
             self._closing.wait(min(timeout_s, _CONNECT_AGAIN_S))

@@ -104,6 +104,12 @@ class Database:
         """Return whether this is the embedded default."""
         return self.engine.dialect.name == "sqlite"
 
+    @property
+    def driver_error(self) -> type[Exception]:
+        """Return the class of what the database's driver itself raises, on a connection that is taken raw."""
+        error: type[Exception] = self.engine.dialect.loaded_dbapi.Error
+        return error
+
     @contextmanager
     def writing(self, point: str) -> Iterator[Session]:
         """Give a session whose changes are committed together when the block ends, or not at all.

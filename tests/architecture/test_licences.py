@@ -26,7 +26,10 @@ LISTED = {
 }
 """Weak copyleft and odd licences, each with why it is no harm to a product under Apache-2.0."""
 
-IMPORTED_BY_NAME = {"rapidocr": "looked up first, since the extra may be absent: worker/formats/ocr.py"}
+IMPORTED_BY_NAME = {
+    "psycopg": "loaded by SQLAlchemy, when the database's URL names it: service/db/session.py",
+    "rapidocr": "looked up first, since the extra may be absent: worker/formats/ocr.py",
+}
 MODULES = {
     "backports-zstd": "backports",
     "open3d-cpu": "open3d",
