@@ -296,6 +296,16 @@ class RevisionPruned(Conflict):
     title = "The revision's files were let go"
 
 
+class DeltaNotOffered(Conflict):
+    """Nobody made this delta yet, and for this key none is made that leads elsewhere than robots are to go.
+
+    Made for any key are deltas into a revision that a channel points to, or that a roll-out gives the robot
+    whose own key asks; for an admin's key those into any revision. Take the changed tiles or the whole file.
+    """
+
+    title = "The delta is not made for this key"
+
+
 class PlacementNotAcceptable(Conflict):
     """The placement is not finished, was rejected, or needs a review that the request does not confirm.
 
@@ -672,6 +682,16 @@ class DeltaNotReady(Unavailable):
     """
 
     title = "The delta is not ready"
+
+
+class TooManyDeltas(Unavailable):
+    """So many deltas of the map have still to be made that no other is begun.
+
+    `max_waiting_deltas` tells how many may wait. Take the changed tiles or the whole file, or ask again after
+    the `Retry-After` seconds. Deltas that are made already are given all the while.
+    """
+
+    title = "Too many deltas of the map have still to be made"
 
 
 class ExportNotReady(Unavailable):

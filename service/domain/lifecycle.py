@@ -78,6 +78,14 @@ MAX_ATTEMPTS = 3
 BACK_OFF_S = (1.0, 5.0)
 """Seconds until the second and the third attempt of a job whose worker or child died."""
 
+MOST_WAITING_DELTAS = 8
+"""Deltas of one map that have still to be made, beyond which no other is begun.
+
+Each takes seconds, minutes for clouds of 1 GB (`tests/benchmarks/test_large_delta.py`), and robots of a map
+hold few revisions: eight serve a fleet that is spread over the last eight publications. As many again may
+wait that the product foresees, one for each move of a channel, so that no robot keeps the fleet's next back.
+"""
+
 MOST_ROOM_WAIT_S = 300.0
 _WAITS_A_TRY = 2.0
 

@@ -9,15 +9,21 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from service.db.blobs import blob_size, record_blob
-from service.db.deltas import Delta, find_delta, is_cloud_of
+from service.db.deltas import Delta, find_delta, is_cloud_of, is_wanted_cloud, waiting_deltas
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.maps import find_map
 from service.db.revisions import find_artifact, find_revision
 from service.domain.access import Actor
 from service.domain.dictionary import is_window_taken
-from service.domain.errors import ArtifactNotFound, DeltaNotReady, Unavailable
-from service.domain.lifecycle import JobKind, JobState
+from service.domain.errors import (
+    ArtifactNotFound,
+    DeltaNotOffered,
+    DeltaNotReady,
+    TooManyDeltas,
+    Unavailable,
+)
+from service.domain.lifecycle import MOST_WAITING_DELTAS, JobKind, JobState, Role
 from service.storage.blobs import Stored
 from service.usecases.download import CLOUD_PATH, CodedForm, StoredFile
 from service.usecases.kernel import Kernel
@@ -25,7 +31,7 @@ from service.usecases.maps import covered_map
 from service.usecases.revisions import ready_revision
 
 MEDIA_TYPE = "application/zstd"
-_RETRY_S, _RETRY_FAILED_S = 1, 3600
+_RETRY_S, _RETRY_MANY_S, _RETRY_FAILED_S = 1, 300, 3600
 _READ_BYTES = 1 << 20
 _DCZ_MAGIC = bytes.fromhex("5e2a4d1820000000")
 
@@ -41,10 +47,19 @@ def delta_file(kernel: Kernel, actor: Actor, *, map_id: str, n: int, from_n: int
         If one of them has no cloud.
     DeltaNotReady
         If it has still to be made: this call has asked for it; or if its job failed.
+    DeltaNotOffered
+        If nobody made it yet, and none is made for this key: no robot is to have revision `n`.
+    TooManyDeltas, StorageFull
+        As `ask_for_delta`.
     """
     with kernel.db.reading() as session:
         old, new = (_cloud_sha256(session, actor, map_id=map_id, n=k) for k in (from_n, n))
         found = find_delta(session, from_sha256=old, to_sha256=new)
+        if found is None and not _may_begin(session, actor, map_id, to_sha256=new):
+            raise DeltaNotOffered(
+                f"No delta from revision {from_n} to {n} was made yet, and for this key none is: no channel "
+                f"points to revision {n}. Take the changed tiles, or the whole file."
+            )
         if found is not None and found.sha256 is not None:
             return _file(kernel, found, name=f"revision-{from_n}-to-{n}.zst")
         job = None if found is None else find_job(session, found.job_id)
@@ -67,11 +82,23 @@ def ask_for_delta(kernel: Kernel, actor: Actor, *, map_id: str, from_sha256: str
     ------
     StorageFull
         If there is no room for what it makes.
+    TooManyDeltas
+        If as many of the map's have still to be made as may wait.
     """
     kernel.room.require()
     with kernel.db.writing("ask-delta") as session:
         find_map(session, map_id, lock=True)
-        return _wanted(
+        found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
+        if found is not None:
+            return found.job_id
+        if waiting_deltas(session, map_id, foreseen=False) >= MOST_WAITING_DELTAS:
+            raise TooManyDeltas(
+                f"{MOST_WAITING_DELTAS} deltas of this map have still to be made. Take the changed tiles or "
+                "the whole file, or ask again later.",
+                max_waiting_deltas=MOST_WAITING_DELTAS,
+                retry_after_s=_RETRY_MANY_S,
+            )
+        return _begin(
             kernel, session, map_id, from_sha256=from_sha256, to_sha256=to_sha256, key_id=actor.key_id
         )
 
@@ -80,7 +107,7 @@ def foresee_delta(kernel: Kernel, session: Session, map_id: str, *, from_n: int,
     """Begin the delta that robots will ask for when a channel moves from one revision to another.
 
     In the transaction of the move, which holds the map. Where one of them has no cloud, or both have the
-    same, there is nothing to make.
+    same, there is nothing to make; where as many as may wait are foreseen already, robots ask for it.
     """
     clouds = []
     for n in (from_n, to_n):
@@ -88,17 +115,25 @@ def foresee_delta(kernel: Kernel, session: Session, map_id: str, *, from_n: int,
         found = None if revision is None else find_artifact(session, revision.id, path=CLOUD_PATH)
         clouds.append(None if found is None else found.sha256)
     old, new = clouds
-    if old is not None and new is not None and old != new:
-        _wanted(kernel, session, map_id, from_sha256=old, to_sha256=new, key_id=None)
+    if old is None or new is None or old == new:
+        return
+    if find_delta(session, from_sha256=old, to_sha256=new) is not None:
+        return
+    if waiting_deltas(session, map_id, foreseen=True) < MOST_WAITING_DELTAS:
+        _begin(kernel, session, map_id, from_sha256=old, to_sha256=new, key_id=None)
 
 
-def _wanted(
+def _may_begin(session: Session, actor: Actor, map_id: str, *, to_sha256: str) -> bool:
+    """Return whether a delta into this cloud is made for the key: an admin's, or one for what robots need."""
+    if actor.role is Role.ADMIN:
+        return True
+    return is_wanted_cloud(session, map_id, path=CLOUD_PATH, sha256=to_sha256, key_id=actor.key_id)
+
+
+def _begin(
     kernel: Kernel, session: Session, map_id: str, *, from_sha256: str, to_sha256: str, key_id: str | None
 ) -> str:
-    """Return the id of the delta's job, of a map that this transaction holds; a new one is the key's."""
-    found = find_delta(session, from_sha256=from_sha256, to_sha256=to_sha256)
-    if found is not None:
-        return found.job_id
+    """Return the id of the job of a new delta, of a map that this transaction holds; it is the key's."""
     now, delta_id = kernel.now(), kernel.new_id("dlt")
     job = enqueue(
         session,
@@ -120,8 +155,9 @@ def dictionary_form(
 ) -> CodedForm | None:
     """Return the cloud `wanted_sha256` as what it adds to the one that the robot holds, if that is made.
 
-    If it is not, and the robot holds a cloud of the same map, this call has asked for it. What a client of
-    the coding may refuse for its window is never given: such a robot takes the delta as a file, or the tiles.
+    If it is not, the robot holds a cloud of the same map, and the key may have it made, this call has asked
+    for it. What a client of the coding may refuse for its window is never given: such a robot takes the delta
+    as a file, or the tiles.
 
     Raises
     ------
@@ -138,8 +174,10 @@ def dictionary_form(
         found = find_delta(session, from_sha256=held_sha256, to_sha256=wanted_sha256)
         if found is not None:
             return _form(kernel, found)
-        known = is_cloud_of(session, map_id, path=CLOUD_PATH, sha256=held_sha256)
-    if known:
+        may_begin = is_cloud_of(session, map_id, path=CLOUD_PATH, sha256=held_sha256) and _may_begin(
+            session, actor, map_id, to_sha256=wanted_sha256
+        )
+    if may_begin:
         with suppress(Unavailable):  # the file itself goes out all the same
             ask_for_delta(kernel, actor, map_id=map_id, from_sha256=held_sha256, to_sha256=wanted_sha256)
     return None

@@ -21,10 +21,13 @@ import pytest
 
 from service.db.retention import forget_blobs, prune
 from service.db.revisions import find_revision
+from service.domain.lifecycle import MOST_WAITING_DELTAS
 from service.settings import Settings
 from tests.journeys.robots import CLIENT, CLOUD, Plant, a_plant, client, in_use, sha256
-from tests.server import start
-from tests.service.asking import ok, refused
+from tests.server import Server, start
+from tests.service.asking import a_map, ok, refused
+from tests.service.by_hand import ByHand
+from tests.service.halls import built_revision
 
 ZSTD = shutil.which("zstd")
 FLEET = 200
@@ -185,6 +188,35 @@ def test_a_robot_that_holds_a_revision_long_let_go_takes_the_tiles(plant: Plant,
     assert robot.run_once()
     assert robot.folder.held()["way"] == "tiles"
     assert in_use(tmp_path / "robot") == sha256(plant.files[1][CLOUD])
+
+
+@pytest.mark.parametrize("refusal", ["delta-not-offered", "too-many-deltas"])
+def test_a_robot_that_is_refused_the_delta_takes_the_whole_file(
+    server: Server, tmp_path: Path, refusal: str
+) -> None:
+    """The channel has moved on since the robot's poll; or too many others have asked."""
+    admin, by_hand = server.client(server.admin_key), ByHand(server.kernel)
+    map_id = a_map(admin)
+    clouds = [b"cloud %d of %s" % (n, map_id.encode()) * 99 for n in range(1, 3 + MOST_WAITING_DELTAS)]
+    for cloud in clouds:
+        built_revision(admin, by_hand, map_id, {CLOUD: cloud})
+    plant = Plant(server, admin, map_id, ({CLOUD: clouds[0]}, {CLOUD: clouds[1]}))
+    plant.publish(1)
+    robot = plant.robot(tmp_path / "robot", ways=("delta", "whole"))
+    assert robot.run_once()
+    where = f"/v1/maps/{map_id}/revisions/2"
+    if refusal == "too-many-deltas":
+        for n in range(3, 3 + MOST_WAITING_DELTAS):
+            refused(admin.get(f"{where}/delta?from={n}"), 503, "delta-not-ready")
+        ok(admin.post(f"{where}/publish", json={"channel": "beta"}))
+        robot.channel = "beta"
+        assert robot.run_once()
+    else:
+        files = ok(admin.get(f"{where}/artifacts"))["items"]
+        robot.update(2, {file["path"]: client.as_file(file) for file in files})
+    with robot.service.open(f"{where}/delta?from=1") as answer:
+        assert client.json.loads(answer.read())["type"].endswith(refusal)
+    assert (robot.folder.held()["way"], in_use(tmp_path / "robot")) == ("whole", sha256(clouds[1]))
 
 
 def test_whoever_opens_the_map_meanwhile_gets_one_or_the_other(plant: Plant, tmp_path: Path) -> None:

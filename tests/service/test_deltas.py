@@ -25,7 +25,7 @@ DCZ_MAGIC = b"\x5e\x2a\x4d\x18\x20\x00\x00\x00"
 
 @dataclass(frozen=True)
 class Two:
-    """Hold a map with the revisions 1 and 2, their files, and a robot's client."""
+    """Hold a map with the revisions 1 and 2, each on a channel, their files, and a robot's client."""
 
     map_id: str
     old: dict[str, bytes]
@@ -48,6 +48,8 @@ def two(
     map_id, folder = a_map(admin), tmp_path_factory.mktemp("halls")
     files = [hall_files(folder / str(x), machine_x=x) for x in (17.0, 19.5)]
     assert [built_revision(admin, by_hand, map_id, each) for each in files] == [1, 2]
+    for n in (1, 2):
+        ok(admin.post(f"/v1/maps/{map_id}/revisions/{n}/publish", json={"channel": f"channel-{n}"}))
     return Two(map_id, files[0], files[1], client_for("robot", [map_id]))
 
 
@@ -145,6 +147,7 @@ def test_no_window_is_sent_that_a_client_may_refuse(
     clouds = held[:held_bytes], wanted[:wanted_bytes]
     for cloud in clouds:
         built_revision(admin, by_hand, map_id, {"point-cloud.pcd": cloud})
+    ok(admin.post(f"/v1/maps/{map_id}/revisions/2/publish", json={}))
     robot = client_for("robot", [map_id])
     where = f"/v1/maps/{map_id}/revisions/2"
     offer = base64.b64encode(hashlib.sha256(clouds[0]).digest()).decode()
@@ -235,6 +238,7 @@ def test_a_delta_waits_in_the_turn_of_the_key_that_asked(admin: httpx.Client, by
     made = ok(admin.post("/v1/keys", json={"name": "r", "role": "robot"}), 201)
     key_id, robot = made["id"], {"Authorization": f"Bearer {made['key']}"}
     where = f"/v1/maps/{map_id}/revisions"
+    ok(admin.post(f"{where}/4/publish", json={"channel": "fleet"}))
     by_file = refused(admin.get(f"{where}/4/delta?from=1", headers=robot), 503, "delta-not-ready")["job_id"]
     offer = base64.b64encode(hashlib.sha256(b"cloud 1").digest()).decode()
     asking = {**robot, "Accept-Encoding": "dcz", "Available-Dictionary": f":{offer}:"}

@@ -69,8 +69,9 @@ def get_delta(
     """Download what the cloud of this revision adds to that of another, for zstd.
 
     `zstd -d --long=31 --patch-from=OLD.pcd` reads it. Made by a job when it is asked for the first time:
-    until then the answer is 503 with `Retry-After`.
-    ETag and ranges as for any file.
+    until then the answer is 503 with `Retry-After`. For a robot's key it is made where this revision is
+    published, or given to the robot by a roll-out (else 409 `delta-not-offered`: take the tiles or the whole
+    file). ETag and ranges as for any file.
     """
     file = delta_file(kernel, actor, map_id=map_id, n=n, from_n=from_n)
     return send_file(request, file, caching=IMMUTABLE)
