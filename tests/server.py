@@ -23,9 +23,9 @@ import psutil
 import pytest
 
 from service.app import open_kernel
-from service.db.schema import upgrade
 from service.settings import Settings
 from service.usecases.kernel import Kernel
+from tests.schemas import bring_to_head
 
 ROOT = Path(__file__).resolve().parent.parent
 _START_S = 60.0
@@ -114,7 +114,7 @@ def start(settings: Settings, *, admin_key: str | None = None, **more: str) -> S
     surroundings = environment(settings, **more)
     serve = [sys.executable, "-m", "service"]
     kernel = open_kernel(settings)
-    upgrade(kernel.db.engine)
+    bring_to_head(kernel.db)
     begun = time.monotonic()
     with log.open("a", encoding="utf-8") as sink:
         process = subprocess.Popen(

@@ -7,8 +7,8 @@ import tempfile
 from pathlib import Path
 
 from service.app import create_app, open_kernel
-from service.db.schema import upgrade
 from service.settings import Settings
+from tests.schemas import bring_to_head
 
 SNAPSHOT = Path(__file__).with_name("openapi.json")
 
@@ -19,7 +19,7 @@ def described() -> str:
         settings = Settings(data_dir=Path(folder))
         kernel = open_kernel(settings)
         try:
-            upgrade(kernel.db.engine)
+            bring_to_head(kernel.db)
             document = create_app(settings, kernel=kernel).openapi()
         finally:
             kernel.db.close()

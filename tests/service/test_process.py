@@ -15,13 +15,14 @@ import httpx
 import pytest
 
 from service.app import open_kernel
-from service.db.schema import upgrade
 from service.settings import Settings
+from tests.schemas import bring_to_head
 from tests.server import ROOT, Server, environment, running, start
 from tests.service.asking import a_map, ok
 from tests.service.by_hand import ByHand
 
 MIB = 1024 * 1024
+DRIVERS = ("psycopg", "asyncpg")
 HEAVY = ("scipy", "numba", "open3d", "cv2", "PIL", "skimage", "shapely", "plyfile", "pypcd4", "ezdxf")
 
 
@@ -35,16 +36,16 @@ def _run(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
 def _migrated(settings: Settings) -> Settings:
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     kernel = open_kernel(settings)
-    upgrade(kernel.db.engine)
+    bring_to_head(kernel.db)
     kernel.db.close()
     return settings
 
 
 def test_the_service_loads_nothing_heavy() -> None:
-    code = "import json, sys, service.__main__; print(json.dumps(sorted(sys.modules)))"
+    code = "import json, sys, service.cli; print(json.dumps(sorted(sys.modules)))"
     done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
     loaded = {name.partition(".")[0] for name in json.loads(done.stdout)}
-    assert not loaded & set(HEAVY)
+    assert not loaded & {*HEAVY, *DRIVERS}
     assert "worker" not in loaded
 
 

@@ -22,7 +22,6 @@ from sqlalchemy import select
 from service.db.blobs import record_blob
 from service.db.jobs import enqueue
 from service.db.models import Drawing, Job, Key, Map, Placement, Revision, Scan
-from service.db.schema import upgrade
 from service.db.session import Database, open_engine
 from service.domain.access import Actor
 from service.domain.lifecycle import JobKind, JobState, Role
@@ -32,6 +31,7 @@ from service.usecases.compare import compare
 from service.usecases.deltas import ask_for_delta
 from service.usecases.kernel import Kernel
 from service.usecases.rebuild import rebuild
+from tests.schemas import bring_to_head
 from worker.formats.pcd import write_pcd
 from worker.geometry.cloud.point_cloud import PointCloud
 
@@ -100,7 +100,7 @@ class Workbench:
 
     def prepare(self) -> None:
         """Make the tables where they are not there, one key and one map."""
-        upgrade(self.kernel.db.engine)
+        bring_to_head(self.kernel.db)
         now = self.kernel.now()
         with self.kernel.db.writing("receive-drawing") as session:
             self.key_id, self.map_id = self.kernel.new_id("key"), self.kernel.new_id("map")
