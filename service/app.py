@@ -25,7 +25,6 @@ from service.api.live import Broadcast
 from service.api.methods import Heads
 from service.api.metrics import Metrics
 from service.api.polling import Polling
-from service.api.polls import Polls
 from service.api.rates import Rates
 from service.api.routes import (
     artifacts,
@@ -52,6 +51,7 @@ from service.api.routes import (
     webhooks,
 )
 from service.api.routes import problems as problem_pages
+from service.api.unchanged import Unchanged
 from service.db.blobs import has_blobs
 from service.db.schema import is_current
 from service.db.session import Database, open_engine
@@ -109,8 +109,8 @@ class Application(FastAPI):
     def build_middleware_stack(self) -> ASGIApp:
         """Return what answers a request."""
         edge = Edge(Heads(super().build_middleware_stack()), metrics=self.state.metrics)
-        polls = Polls(edge, polling=self.state.polling, metrics=self.state.metrics)
-        return Rates(polls, per_minute=self.state.max_requests_per_minute, metrics=self.state.metrics)
+        unchanged = Unchanged(edge, polling=self.state.polling, metrics=self.state.metrics)
+        return Rates(unchanged, per_minute=self.state.max_requests_per_minute, metrics=self.state.metrics)
 
 
 class SchemaNotCurrent(Exception):

@@ -35,7 +35,7 @@ def range_applies(if_range: str | None, tag: str) -> bool:
 
 
 def one_range(header: str | None, size: int) -> tuple[int, int] | None:
-    """Return the first byte and the byte behind the last that `Range` asks for; None means all of it.
+    """Return the first byte and the byte after the last that `Range` asks for; None means all of it.
 
     Several ranges, another unit, or what cannot be read are ignored, as the standard allows.
 

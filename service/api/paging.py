@@ -20,7 +20,7 @@ S = TypeVar("S")
 
 @dataclass(frozen=True)
 class Paging:
-    """Hold what a request asks of a list: how many items, and from behind which.
+    """Hold what a request asks of a list: how many items, and after which.
 
     Parameters
     ----------

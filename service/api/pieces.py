@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from fastapi import Request
 from starlette.concurrency import run_in_threadpool
 
-from service.api.streams import announced_bytes, batches, refuse_by_length
+from service.api.bodies import announced_bytes, batches, refuse_by_length
 from service.db.models import Upload
 from service.domain.checksum import Checksum
 from service.domain.errors import UnsupportedMedia, UploadOffsetMismatch

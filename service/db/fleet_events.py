@@ -16,7 +16,7 @@ _BATCH = 500
 def publications_behind(
     session: Session, after: str, *, covered: Collection[str] | None, limit: int
 ) -> Sequence[Publication]:
-    """Return up to `limit` moves of pointers with ids behind `after`, of the maps `covered` (None: all)."""
+    """Return up to `limit` moves of pointers with ids after `after`, of the maps `covered` (None: all)."""
     query = select(Publication).where(Publication.id > after).order_by(Publication.id).limit(limit)
     if covered is not None:
         query = query.where(Publication.map_id.in_(covered))
@@ -26,7 +26,7 @@ def publications_behind(
 def reports_behind(
     session: Session, after: str, *, covered: Collection[str] | None, limit: int
 ) -> Sequence[tuple[RobotReport, str]]:
-    """Return up to `limit` reports with ids behind `after`, each with its robot's map."""
+    """Return up to `limit` reports with ids after `after`, each with its robot's map."""
     query = _reports().where(RobotReport.id > after).order_by(RobotReport.id).limit(limit)
     if covered is not None:
         query = query.where(Robot.map_id.in_(covered))
@@ -34,7 +34,7 @@ def reports_behind(
 
 
 def ids_behind(session: Session, publication: str, report: str) -> list[str]:
-    """Return the ids of all publications behind the one and of all reports behind the other."""
+    """Return the ids of all publications after the one and of all reports after the other."""
     publications = select(Publication.id).where(Publication.id > publication)
     reports = select(RobotReport.id).where(RobotReport.id > report)
     return [*session.scalars(publications), *session.scalars(reports)]

@@ -51,7 +51,7 @@ def lock_admin_keys(session: Session, *, now: datetime) -> Sequence[Key]:
 
 
 def list_keys(session: Session, *, after: str | None, limit: int) -> Sequence[Key]:
-    """Return up to `limit` keys in the order of their making, from behind the id `after`."""
+    """Return up to `limit` keys in the order of their making, after the id `after`."""
     query = select(Key).order_by(Key.id).limit(limit)
     if after is not None:
         query = query.where(Key.id > after)

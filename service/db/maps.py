@@ -42,11 +42,6 @@ def find_maps(session: Session, map_ids: Collection[str]) -> Sequence[Map]:
     return session.scalars(select(Map).where(Map.id.in_(map_ids))).all()
 
 
-def find_map_by_name(session: Session, *, site: str, name: str) -> Map | None:
-    """Return the map of this name at this site, or None."""
-    return session.scalars(select(Map).where(Map.site == site, Map.name == name)).one_or_none()
-
-
 def list_maps(
     session: Session,
     *,
@@ -56,7 +51,7 @@ def list_maps(
     after: str | None,
     limit: int,
 ) -> Sequence[Map]:
-    """Return up to `limit` maps in the order of their making, from behind the id `after`.
+    """Return up to `limit` maps in the order of their making, after the id `after`.
 
     Parameters
     ----------

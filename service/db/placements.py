@@ -7,7 +7,7 @@ from collections.abc import Collection, Sequence
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from service.db.models import Job, Placement
+from service.db.models import Placement
 
 
 def find_placement(session: Session, placement_id: str) -> Placement | None:
@@ -27,8 +27,3 @@ def list_placements(session: Session, scan_id: str, *, before: str | None, limit
     if before is not None:
         query = query.where(Placement.id < before)
     return session.scalars(query).all()
-
-
-def job_of(session: Session, row: Placement) -> Job:
-    """Return the job that computes a placement."""
-    return session.get_one(Job, row.job_id)

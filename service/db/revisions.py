@@ -77,7 +77,7 @@ def layers_of(session: Session, revision_ids: Sequence[str]) -> dict[str, list[L
 def list_artifacts(
     session: Session, revision_id: str, *, after: str | None = None, limit: int | None = None
 ) -> Sequence[Artifact]:
-    """Return the files of a revision in the order of their paths, from behind the path `after`."""
+    """Return the files of a revision in the order of their paths, after the path `after`."""
     query = select(Artifact).where(Artifact.revision_id == revision_id).order_by(Artifact.path).limit(limit)
     if after is not None:
         query = query.where(Artifact.path > after)

@@ -152,7 +152,7 @@ def list_robots(
     Parameters
     ----------
     after : str, optional
-        From behind the robot with this id.
+        From after the robot with this id.
     """
     query = _with_pointer().order_by(Robot.id).limit(limit)
     for name in ("map_id", "channel", "group_name"):

@@ -179,7 +179,7 @@ def failed_robots(
     Parameters
     ----------
     after : str
-        Only reports with ids behind this one count.
+        Only reports with ids after this one count.
     """
     said = (
         select(RobotReport.detail)

@@ -47,7 +47,7 @@ def find_drawing_row(session: Session, drawing_id: str) -> DrawingRow | None:
 def list_drawing_rows(
     session: Session, map_id: str, *, after: str | None, limit: int
 ) -> Sequence[DrawingRow]:
-    """Return up to `limit` drawings of the map in the order of their making, from behind the id `after`."""
+    """Return up to `limit` drawings of the map in the order of their making, after the id `after`."""
     query = drawing_rows().where(Drawing.map_id == map_id).order_by(Drawing.id).limit(limit)
     if after is not None:
         query = query.where(Drawing.id > after)
@@ -61,7 +61,7 @@ def find_scan_row(session: Session, scan_id: str) -> ScanRow | None:
 
 
 def list_scan_rows(session: Session, map_id: str, *, after: str | None, limit: int) -> Sequence[ScanRow]:
-    """Return up to `limit` scans of the map in the order of their making, from behind the id `after`."""
+    """Return up to `limit` scans of the map in the order of their making, after the id `after`."""
     query = scan_rows().where(Scan.map_id == map_id).order_by(Scan.id).limit(limit)
     if after is not None:
         query = query.where(Scan.id > after)

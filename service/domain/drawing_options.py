@@ -9,7 +9,7 @@ from typing import Any, Self
 
 from service.domain.edits import Edit, edit_to_json, edits_of
 from service.domain.errors import InvalidRequest
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 
 MAX_WALL_LAYERS = 200
 MAX_KNOWN_LENGTHS = 50

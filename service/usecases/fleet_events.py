@@ -77,11 +77,11 @@ class Past:
     covered : collection of str, optional
         The maps that are listened to; None: all.
     cursor : str
-        Id of the event behind which the past is to be told; None: nothing of it is.
+        Id of the event after which the past is to be told; None: nothing of it is.
     floor : str
         Events with ids before this one are past, whenever they are found.
     known : set of str
-        Of the events behind the floor those that were visible already.
+        Of the events after the floor those that were visible already.
     """
 
     covered: Collection[str] | None

@@ -35,10 +35,6 @@ class NewKey:
     secret: str
 
 
-class _MadeMeanwhile(Exception):
-    """Another service made the first key in the same moment."""
-
-
 def authenticate(session: Session, secret: str | None, *, now: datetime) -> Actor:
     """Return who holds the secret.
 

@@ -65,7 +65,7 @@ def sign_link(
 
 
 def link_path(signature: Signature, *, map_id: str, n: int, path: str) -> str:
-    """Return what of a link's address stands behind that of the service."""
+    """Return what of a link's address follows that of the service."""
     asked = f"key={signature.key_id}&expires={signature.expires}&signature={signature.proof}"
     return f"/v1/links/{map_id}/{n}/{quote(path)}?{asked}"
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 from sqlalchemy.orm import Session
 
 from service.db import placements as table
-from service.db.models import Job, Placement
+from service.db.models import Placement
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable, PlacementNotFound
 from service.usecases.scans import covered_scan
@@ -27,18 +27,6 @@ def covered_placement(session: Session, actor: Actor, *, placement_id: str) -> P
         raise missing
     actor.require_map(row.map_id, otherwise=missing)
     return row
-
-
-def show_placement(session: Session, actor: Actor, *, placement_id: str) -> tuple[Placement, Job]:
-    """Return a placement with the job that computes it.
-
-    Raises
-    ------
-    PlacementNotFound
-        As `covered_placement`.
-    """
-    row = covered_placement(session, actor, placement_id=placement_id)
-    return row, table.job_of(session, row)
 
 
 def list_placements(

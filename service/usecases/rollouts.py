@@ -248,7 +248,7 @@ def list_rollout_robots(
 
 
 def failures_from(rollout: Rollout) -> str:
-    """Return the id behind which a report of failure counts."""
+    """Return the id after which a report of failure counts."""
     return new_id("rep", now=rollout.counts_from, entropy=bytes)
 
 

@@ -8,8 +8,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.transform import Transform
+from tests.factories import wall_prism
 from worker.geometry.drawing.reading.reading import Wall
-from worker.geometry.lidar.scene import Scene, slab, turned_box, wall_prism
+from worker.geometry.lidar.scene import Scene, slab, turned_box
 from worker.geometry.lidar.tablet import TabletPath, TabletScan, scan_with_tablet
 
 DOOR, INNER, OUTER = 0.95, 0.12, 0.3

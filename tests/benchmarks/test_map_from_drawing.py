@@ -14,10 +14,10 @@ from numpy.typing import NDArray
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.recipe import Recipe
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 from tests.benchmarks.vlp16 import OFF_M, free_points, load_world, position_errors, scan, starts_off
 from worker.formats.drawing import read_drawing_file
-from worker.formats.raster import load_raster
+from worker.formats.raster import load_sheet
 from worker.geometry.cloud.extrude import extrude, footprint, planes, wall_columns
 from worker.geometry.cloud.merge import compound
 from worker.geometry.cloud.voxel_grid import voxel_grid_filter
@@ -75,7 +75,7 @@ def test_a_lidar_finds_itself_in_the_map_of_a_drawing(shared_data: Path) -> None
     clouds = {
         "our reading": _cloud(reading.walls, reading.columns),
         "the true walls": _cloud(annotated, ()),
-        "everything dark is wall": _dark_cloud(load_raster(sheet), truth["metres_per_px"]),
+        "everything dark is wall": _dark_cloud(load_sheet(sheet).grey, truth["metres_per_px"]),
     }
     print(f"\n{POINTS} VLP-16 scans in the world of {sheet.name}, started {OFF_M} m and 5 degrees off")
     results = {}

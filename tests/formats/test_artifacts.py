@@ -15,7 +15,7 @@ from service.domain.findings import Finding
 from service.domain.recipe import MapFromDrawing, Recipe
 from worker.formats.artifacts import write_artifacts
 from worker.formats.pcd import read_pcd
-from worker.formats.reading import load_walls
+from worker.formats.reading import load_walls_and_columns
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.drawing.reading.reading import Column, Wall
@@ -107,7 +107,7 @@ def test_the_grid_is_what_map_server_reads(tmp_path: Path) -> None:
     assert ((occupied > description["occupied_thresh"]) == (image == 0)).all()
     assert ((occupied < description["free_thresh"]) == (image == 254)).all()
     x, y, yaw = description["origin"]
-    (wall, *_) = load_walls(tmp_path / "out" / "walls.geojson")
+    (wall, *_), _ = load_walls_and_columns(tmp_path / "out" / "walls.geojson")
     middle = wall.centre.mean(axis=0)
     column = int((middle[0] - x) / description["resolution"])
     row = image.shape[0] - 1 - int((middle[1] - y) / description["resolution"])

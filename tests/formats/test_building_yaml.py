@@ -20,7 +20,7 @@ from service.domain.errors import (
     PageNotFound,
     UnsupportedMedia,
 )
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 from worker.formats.building_yaml import WALL_THICKNESS, load_building_yaml
 
 METRES_A_PIXEL = 0.02

@@ -20,7 +20,7 @@ from service.domain.errors import (
     NotFinite,
     UploadTooLarge,
 )
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from tests.formats.cad_plans import draw_plan, face_lines, new_drawing, saved
 from worker.formats.drawing import read_drawing_file
 from worker.formats.dwg import load_dwg

@@ -21,7 +21,7 @@ from service.domain.errors import (
     PageNotFound,
     UnsupportedMedia,
 )
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from tests.formats.ifc_models import ModelWriter, Solid, bar, house_solids, small_house
 from worker.formats.drawing import read_drawing_file
 from worker.formats.ifc import load_ifc

@@ -23,7 +23,7 @@ from service.domain.errors import (
 )
 from worker.formats.pcd import write_pcd
 from worker.formats.ply import read_ply
-from worker.formats.scan import read_scan, scan_findings
+from worker.formats.scan import read_scan
 from worker.geometry.cloud.point_cloud import PointCloud
 
 POINTS = np.array([[0.5, -1.25, 2.0], [3.0, 4.0, 5.5], [100.0, -100.0, 0.0]])
@@ -133,15 +133,3 @@ def test_a_scan_is_told_by_its_bytes_not_its_name(tmp_path: Path) -> None:
     (tmp_path / "empty.pcd").write_bytes(b"")
     with pytest.raises(FileEmpty):
         read_scan(tmp_path / "empty.pcd")
-
-
-@pytest.mark.parametrize(
-    ("scale", "codes"),
-    [((5, 4, 2.5), []),
-     ((5000, 4000, 2500), ["scan-units-doubtful"]),
-     ((0.01, 0.01, 0.01), ["scan-units-doubtful"]),
-     ((2, 2, 9), ["scan-up-axis-doubtful"])],
-)  # fmt: skip
-def test_doubtful_units_and_axes_are_said(scale: tuple[float, ...], codes: list[str]) -> None:
-    corners = np.array([[0.0, 0.0, 0.0], [1.0, 1.0, 1.0]]) * scale
-    assert [finding.code for finding in scan_findings(PointCloud.of(corners))] == codes

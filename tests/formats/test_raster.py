@@ -20,7 +20,7 @@ from service.domain.errors import (
     PageNotFound,
     UnsupportedMedia,
 )
-from worker.formats.raster import load_dpi, load_raster, load_sheet
+from worker.formats.raster import load_dpi, load_sheet
 from worker.formats.tiff_pages import list_tiff_pages
 
 MARK = np.full((40, 60), 255, dtype=np.uint8)
@@ -46,14 +46,14 @@ def png_header(width: int, height: int, *, rows: bytes = b"") -> bytes:
 def test_every_mode_gives_the_same_grey(tmp_path: Path, suffix: str, mode: str) -> None:
     path = tmp_path / f"sheet.{suffix}"
     Image.fromarray(MARK).convert(mode).save(path)
-    assert np.array_equal(load_raster(path), MARK)
+    assert np.array_equal(load_sheet(path).grey, MARK)
 
 
 def test_jpeg_and_jpeg_in_cmyk_are_read(tmp_path: Path) -> None:
     for mode in ("L", "RGB", "CMYK"):
         path = tmp_path / "sheet.jpg"
         Image.fromarray(MARK).convert(mode).save(path, quality=95)
-        assert np.abs(load_raster(path).astype(int) - MARK).max() < 40
+        assert np.abs(load_sheet(path).grey.astype(int) - MARK).max() < 40
 
 
 @pytest.mark.parametrize("suffix", ["png", "tiff"])
@@ -61,13 +61,13 @@ def test_sixteen_bits_keep_their_range(tmp_path: Path, suffix: str) -> None:
     wide = np.linspace(0, 65535, 2400).reshape(40, 60).astype(np.uint16)
     path = tmp_path / f"sheet.{suffix}"
     Image.fromarray(wide).save(path)
-    assert np.abs(load_raster(path).astype(int) - wide // 257).max() <= 1
+    assert np.abs(load_sheet(path).grey.astype(int) - wide // 257).max() <= 1
 
 
 def test_a_pale_pen_is_as_dark_as_its_darkest_channel(tmp_path: Path) -> None:
     path = tmp_path / "cyan.png"
     Image.new("RGB", (4, 4), (40, 255, 255)).save(path)
-    assert (load_raster(path) == 40).all()
+    assert (load_sheet(path).grey == 40).all()
 
 
 def test_transparency_lies_over_white(tmp_path: Path) -> None:
@@ -76,7 +76,7 @@ def test_transparency_lies_over_white(tmp_path: Path) -> None:
     glass.putpixel((1, 0), (0, 0, 0, 255))
     glass.putpixel((2, 0), (0, 0, 0, 128))
     glass.save(path)
-    assert load_raster(path).tolist() == [[255, 0, 127]]
+    assert load_sheet(path).grey.tolist() == [[255, 0, 127]]
 
 
 def test_a_transparent_palette_entry_is_paper(tmp_path: Path) -> None:
@@ -85,7 +85,7 @@ def test_a_transparent_palette_entry_is_paper(tmp_path: Path) -> None:
     picture.putpalette([0, 0, 0, 10, 10, 10])
     picture.putpixel((1, 0), 1)
     picture.save(path, transparency=0)
-    assert load_raster(path).tolist() == [[255, 10]]
+    assert load_sheet(path).grey.tolist() == [[255, 10]]
 
 
 @pytest.mark.parametrize("orientation", range(1, 9))
@@ -104,16 +104,16 @@ def test_the_exif_orientation_is_applied(tmp_path: Path, orientation: int) -> No
     exif[0x0112] = orientation
     path = tmp_path / "phone.png"
     Image.fromarray(MARK).save(path, exif=exif)
-    assert np.array_equal(load_raster(path), turns[orientation])
+    assert np.array_equal(load_sheet(path).grey, turns[orientation])
 
 
 def test_a_page_of_a_tiff_is_chosen(tmp_path: Path) -> None:
     path = tmp_path / "set.tiff"
     pages = [Image.fromarray(MARK), Image.fromarray(255 - MARK)]
     pages[0].save(path, save_all=True, append_images=pages[1:])
-    assert np.array_equal(load_raster(path, page=2), 255 - MARK)
+    assert np.array_equal(load_sheet(path, page=2).grey, 255 - MARK)
     with pytest.raises(PageNotFound) as refusal:
-        load_raster(path, page=3)
+        load_sheet(path, page=3)
     assert refusal.value.members == {"pages": 2}
 
 
@@ -129,14 +129,14 @@ def test_an_empty_file_is_refused(tmp_path: Path) -> None:
     path = tmp_path / "empty.png"
     path.write_bytes(b"")
     with pytest.raises(FileEmpty):
-        load_raster(path)
+        load_sheet(path)
 
 
 def test_a_text_file_named_png_is_refused_by_its_bytes(tmp_path: Path) -> None:
     path = tmp_path / "notes.png"
     path.write_text("the drawing follows by mail\n" * 10)
     with pytest.raises(UnsupportedMedia):
-        load_raster(path)
+        load_sheet(path)
 
 
 @pytest.mark.parametrize("suffix", ["png", "jpg", "tiff", "bmp", "webp"])
@@ -148,7 +148,7 @@ def test_a_cut_file_is_refused_wherever_it_was_cut(tmp_path: Path, suffix: str) 
         cut = tmp_path / f"cut.{suffix}"
         cut.write_bytes(content[: max(12, int(len(content) * share))])
         with pytest.raises((FileTruncated, FileMalformed)):
-            load_raster(cut)
+            load_sheet(cut)
 
 
 def test_png_cut_in_its_pixels_is_called_truncated(tmp_path: Path) -> None:
@@ -157,7 +157,7 @@ def test_png_cut_in_its_pixels_is_called_truncated(tmp_path: Path) -> None:
     cut = tmp_path / "cut.png"
     cut.write_bytes(whole.read_bytes()[:20_000])
     with pytest.raises(FileTruncated):
-        load_raster(cut)
+        load_sheet(cut)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -171,7 +171,7 @@ def test_flipped_bytes_are_read_or_refused_never_a_crash(tmp_path: Path, seed: i
             content[at] = rng.integers(256)
         path.write_bytes(content)
         try:
-            load_raster(path, bounds=Bounds(max_pixels=10_000_000))
+            load_sheet(path, bounds=Bounds(max_pixels=10_000_000))
         except (FileTruncated, FileMalformed, ImageTooLarge, FileEmpty, UnsupportedMedia):
             continue
 
@@ -180,7 +180,7 @@ def test_a_header_of_3600_megapixels_is_refused_with_the_limit(tmp_path: Path) -
     path = tmp_path / "bomb.png"
     path.write_bytes(png_header(60_000, 60_000))
     with pytest.raises(ImageTooLarge) as refusal:
-        load_raster(path)
+        load_sheet(path)
     assert refusal.value.members == {"max_pixels": 200_000_000, "width": 60_000, "height": 60_000}
 
 
@@ -192,9 +192,9 @@ def test_a_bomb_whose_pixels_are_all_there_is_not_decoded(tmp_path: Path) -> Non
     path.write_bytes(png_header(60_000, 60_000, rows=rows))
     code = (
         "import sys; from pathlib import Path\n"
-        "from worker.formats.raster import load_raster\n"
+        "from worker.formats.raster import load_sheet\n"
         "from service.domain.errors import ImageTooLarge\n"
-        "try:\n    load_raster(Path(sys.argv[1]))\n"
+        "try:\n    load_sheet(Path(sys.argv[1])).grey\n"
         "except ImageTooLarge:\n"
         "    status = Path('/proc/self/status').read_text()\n"
         "    print(status.split('VmHWM:')[1].split()[0])\n"
@@ -208,7 +208,7 @@ def test_a_bomb_whose_pixels_are_all_there_is_not_decoded(tmp_path: Path) -> Non
 def test_a_sheet_of_65_megapixels_is_read(tmp_path: Path) -> None:
     path = tmp_path / "a0.png"
     Image.new("1", (10_000, 6_500), 1).save(path)
-    assert load_raster(path).shape == (6_500, 10_000)
+    assert load_sheet(path).grey.shape == (6_500, 10_000)
 
 
 def three_pages(path: Path) -> None:

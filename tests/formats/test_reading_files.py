@@ -9,7 +9,7 @@ import pytest
 
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
-from worker.formats.reading import load_walls, load_walls_and_columns, write_reading, write_walls
+from worker.formats.reading import load_walls_and_columns, write_reading, write_walls
 from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale.decision import Scale, given
 
@@ -63,7 +63,7 @@ def test_walls_in_pixels_are_no_walls_for_a_map(tmp_path: Path) -> None:
     assert written["unit"] == "px"
     assert written["features"][0]["properties"]["thickness_px"] == 0.2
     with pytest.raises(UnsupportedMedia, match="scale is unknown"):
-        load_walls(tmp_path / "walls.geojson")
+        load_walls_and_columns(tmp_path / "walls.geojson")
 
 
 @pytest.mark.parametrize(
@@ -95,4 +95,4 @@ def test_a_file_that_breaks_the_format_is_refused(
     path = tmp_path / "walls.geojson"
     path.write_text(content)
     with pytest.raises(refusal):
-        load_walls(path, bounds=Bounds(max_walls=2))
+        load_walls_and_columns(path, bounds=Bounds(max_walls=2))

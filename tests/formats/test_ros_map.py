@@ -25,7 +25,7 @@ from service.domain.errors import (
     NoWallsFound,
     UnsupportedMedia,
 )
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.formats.drawing import read_drawing_file
 from worker.formats.grey_map import load_pgm
 from worker.formats.occupancy import write_occupancy

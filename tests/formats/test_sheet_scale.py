@@ -9,12 +9,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from tests.drawn_sheets import DrawnSheet
 from worker.formats.ocr import load_recogniser
-from worker.formats.raster import load_raster
-from worker.geometry.drawing.raster.scale import Recognise, find_sheet_scale
+from worker.formats.raster import load_sheet
 from worker.geometry.drawing.raster.sheet import Sheet
+from worker.geometry.drawing.raster.sheet_scale import Recognise, find_sheet_scale
 from worker.geometry.drawing.scale.sheet_scale import SheetScale
 
 pytest.importorskip("onnxruntime", reason="text recognition is the extra ocr")
@@ -196,7 +196,7 @@ def test_a_large_sheet_is_looked_at_in_coarser_pixels(recognise: Recognise) -> N
 @pytest.mark.parametrize("name", ["rmf_office", "cad_Aule-scolastiche-pianta-1"])
 def test_the_dimensions_of_real_plans(recognise: Recognise, shared_data: Path, name: str) -> None:
     truth = json.loads((shared_data / "drawings" / f"{name}.truth.json").read_text())
-    grey = load_raster(shared_data / "drawings" / f"{name}.png")
+    grey = load_sheet(shared_data / "drawings" / f"{name}.png").grey
     scale = find_sheet_scale(Sheet(grey), recognise=recognise).scale
     assert scale.state == "found"
     assert scale.metres_per_unit == pytest.approx(truth["metres_per_px"], rel=0.005)
@@ -208,5 +208,5 @@ def test_the_dimensions_of_real_plans(recognise: Recognise, shared_data: Path, n
 def test_real_plans_without_dimensions_stay_unknown(
     recognise: Recognise, shared_data: Path, name: str
 ) -> None:
-    grey = load_raster(shared_data / "drawings" / f"{name}.png")
+    grey = load_sheet(shared_data / "drawings" / f"{name}.png").grey
     assert find_sheet_scale(Sheet(grey), recognise=recognise).scale.state == "unknown"

@@ -9,8 +9,9 @@ from hypothesis import strategies as st
 from numpy.typing import NDArray
 
 from service.domain.transform import Transform
+from tests.factories import wall_prism
 from worker.geometry.lidar.ray_casting import MISS, cast_rays
-from worker.geometry.lidar.scene import Scene, box, cylinder, prism, slab, turned_box, wall_prism
+from worker.geometry.lidar.scene import Scene, box, cylinder, prism, slab, turned_box
 from worker.geometry.lidar.tablet import TabletPath, TabletSensor, scan_with_tablet
 
 

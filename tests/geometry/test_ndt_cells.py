@@ -11,7 +11,7 @@ from hypothesis.extra.numpy import arrays
 from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.derivatives import score_points
 from worker.geometry.registration.ndt_map import build_ndt_map
-from worker.geometry.registration.symmetric import eigen_of
+from worker.geometry.registration.symmetric import eigen
 
 
 @pytest.mark.parametrize("reach", [3.0, 90.0, 4000.0])
@@ -70,8 +70,9 @@ def test_a_point_finds_all_cells_within_the_resolution() -> None:
 def test_eigenvalues_and_vectors_are_those_of_lapack(half: np.ndarray, rank: int) -> None:
     half[:, rank:] = 0.0
     matrix = half @ half.T
-    values, vectors = eigen_of(matrix[np.triu_indices(3)][None])
+    values, vectors = np.zeros(3), np.zeros((3, 3))
+    eigen(matrix[np.triu_indices(3)], values, vectors)
     size = max(np.abs(matrix).max(), 1e-300)
-    np.testing.assert_allclose(values[0], np.linalg.eigvalsh(matrix), atol=1e-11 * size)
-    np.testing.assert_allclose(vectors[0].T @ vectors[0], np.eye(3), atol=1e-12)
-    np.testing.assert_allclose(vectors[0] * values[0] @ vectors[0].T, matrix, atol=1e-11 * size)
+    np.testing.assert_allclose(values, np.linalg.eigvalsh(matrix), atol=1e-11 * size)
+    np.testing.assert_allclose(vectors.T @ vectors, np.eye(3), atol=1e-12)
+    np.testing.assert_allclose(vectors * values @ vectors.T, matrix, atol=1e-11 * size)

@@ -11,9 +11,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from numpy.typing import NDArray
 
+from worker.geometry.registration.cell_covariance import CellCovariance
 from worker.geometry.registration.derivatives import derivatives, score_points
 from worker.geometry.registration.ndt import rotation_matrix
-from worker.geometry.registration.ndt_map import CellCovariance, NdtMap, build_ndt_map, gauss_constants
+from worker.geometry.registration.ndt_map import NdtMap, build_ndt_map, gauss_constants
 
 # Clusters two cells apart: no point comes near the distance at which a Gaussian begins to count.
 CENTRES = np.array([[0.5, 0.5, 0.5], [5.5, 0.5, 0.5], [0.5, 5.5, 0.5], [2.5, 2.5, 4.5]])

@@ -17,7 +17,7 @@ from shapely import affinity
 
 from service.domain.drawing_options import DrawingOptions
 from service.domain.region import Region
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from tests.geometry import generated_plans
 from worker.formats.drawing import read_drawing_file
 from worker.geometry.cloud.occupancy_grid import FREE, OCCUPIED, UNKNOWN, OccupancyGrid, occupancy_grid

@@ -12,7 +12,7 @@ from worker.geometry.drawing.model.chains import chain_lines
 from worker.geometry.drawing.model.geodesy import local_metres
 from worker.geometry.drawing.model.mesh_cut import cut_mesh
 from worker.geometry.drawing.model.sections import area_of, signed_area
-from worker.geometry.drawing.outline.walls import read_outlines
+from worker.geometry.drawing.outline.solids import read_outlines
 
 
 def test_a_rectangle_is_a_wall() -> None:

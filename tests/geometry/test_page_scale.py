@@ -6,10 +6,10 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.geometry.drawing.linework.linework import Linework
-from worker.geometry.drawing.page.scale import find_page_scale
+from worker.geometry.drawing.page.page_scale import find_page_scale
 from worker.geometry.drawing.page.spans import StrokeIndex, page_spans
 from worker.geometry.drawing.scale.decision import Witness
 from worker.geometry.drawing.text import Text

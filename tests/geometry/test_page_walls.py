@@ -11,9 +11,9 @@ from tests.geometry.page_plans import CORNER, PAGE, a_page, a_plan, agreement
 from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.geometry.drawing.linework.areas import entity_area
 from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.page.reading import read_page
 from worker.geometry.drawing.page.sheet import draw_page
 from worker.geometry.drawing.page.strips import find_pen_strips, joined
-from worker.geometry.drawing.page.walls import read_page
 from worker.geometry.drawing.reading.reading import Reading
 from worker.geometry.drawing.scale.decision import Scale, given
 

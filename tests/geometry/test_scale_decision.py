@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given as over
 from hypothesis import strategies as st
 
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 from worker.geometry.drawing.scale.decision import USUAL_UNITS, Witness, contradictions, decide
 
 UNITS = tuple(USUAL_UNITS.values())

@@ -18,7 +18,7 @@ import pytest
 from PIL import Image, ImageDraw
 from pypcd4 import PointCloud
 
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 from tests import files
 from tests.factories import a_drawing_png
 from tests.server import ROOT, Server, environment

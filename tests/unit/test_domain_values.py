@@ -10,7 +10,7 @@ import pytest
 from service.domain import errors
 from service.domain.ids import new_id
 from service.domain.recipe import MapFromDrawing, Recipe
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 
 
 def test_a_recipe_goes_through_json_unchanged() -> None:

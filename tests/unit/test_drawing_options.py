@@ -10,7 +10,7 @@ import pytest
 from service.domain.drawing_options import DrawingOptions
 from service.domain.edits import MAX_VERTICES, edit_to_json, edits_of
 from service.domain.errors import InvalidRequest
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 
 SQUARE = [[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]
 EDITS: list[dict[str, Any]] = [

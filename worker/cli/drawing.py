@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Any
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import InvalidRequest, NotFound, ScaleUnknown
 from service.domain.recipe import MapFromDrawing, Recipe
-from service.domain.scale import KnownLength, ScaleHint
+from service.domain.scale_hint import KnownLength, ScaleHint
 
 if TYPE_CHECKING:
     from worker.geometry.drawing.reading.reading import Reading

@@ -22,7 +22,7 @@ from service.domain.errors import (
     UnsupportedMedia,
 )
 from service.domain.findings import Finding
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.formats.plain_yaml import parse_plain_yaml
 from worker.geometry.drawing.model.chains import chain_lines
 from worker.geometry.drawing.model.geodesy import local_metres

@@ -32,14 +32,14 @@ from service.domain.media import (
 )
 from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.linework.reading import read_linework
 from worker.geometry.drawing.linework.units import find_unit
-from worker.geometry.drawing.linework.walls import read_linework
-from worker.geometry.drawing.page.scale import find_page_scale
-from worker.geometry.drawing.page.walls import read_page
+from worker.geometry.drawing.page.page_scale import find_page_scale
+from worker.geometry.drawing.page.reading import read_page
 from worker.geometry.drawing.raster.read import read_raster
-from worker.geometry.drawing.raster.scale import find_sheet_scale
 from worker.geometry.drawing.raster.sheet import Sheet
 from worker.geometry.drawing.raster.sheet_kind import check_sheet
+from worker.geometry.drawing.raster.sheet_scale import find_sheet_scale
 from worker.geometry.drawing.reading.confidence import judge
 from worker.geometry.drawing.reading.edits import apply_edits
 from worker.geometry.drawing.reading.plans import several_plans

@@ -20,11 +20,11 @@ from service.domain.errors import (
     UnsupportedMedia,
 )
 from service.domain.findings import Finding, Severity
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.formats.ifc_process import ask_kernel
 from worker.geometry.drawing.model.plan import Piece, Plan, plan_reading
 from worker.geometry.drawing.model.sections import area_of
-from worker.geometry.drawing.outline.walls import Solids, read_outlines
+from worker.geometry.drawing.outline.solids import Solids, read_outlines
 from worker.geometry.drawing.reading.reading import Column, Reading, Wall
 from worker.geometry.drawing.scale.decision import USUAL_UNITS, Scale, Witness, contradictions, decide
 

@@ -113,17 +113,6 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
     return Sheet(np.ascontiguousarray(grey), dpi, findings=tuple(findings))
 
 
-def load_raster(path: Path, *, bounds: Bounds | None = None, page: int | None = None) -> NDArray[np.uint8]:
-    """Return the (H, W) grey pixels of `load_sheet` alone.
-
-    Raises
-    ------
-    FileEmpty, UnsupportedMedia, ImageTooLarge, PageNeeded, PageNotFound, FileTruncated, FileMalformed
-        As `load_sheet`.
-    """
-    return load_sheet(path, bounds=bounds, page=page).grey
-
-
 def load_dpi(path: Path) -> float | None:
     """Return the resolution that the file itself states [pixels an inch], or None where it states none.
 

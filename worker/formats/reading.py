@@ -72,8 +72,10 @@ def write_walls(
     write_json(path, _collection(features, frame, unit))
 
 
-def load_walls(path: Path, *, bounds: Bounds | None = None) -> tuple[Wall, ...]:
-    """Return the walls of a ``walls.geojson``, in the file's frame.
+def load_walls_and_columns(
+    path: Path, *, bounds: Bounds | None = None
+) -> tuple[tuple[Wall, ...], tuple[Column, ...]]:
+    """Return walls and columns of a ``walls.geojson``, in the file's frame.
 
     The file may come from outside: it is checked as any upload.
 
@@ -88,13 +90,6 @@ def load_walls(path: Path, *, bounds: Bounds | None = None) -> tuple[Wall, ...]:
     NotFinite
         If a coordinate or a thickness is not a finite number.
     """
-    return load_walls_and_columns(path, bounds=bounds)[0]
-
-
-def load_walls_and_columns(
-    path: Path, *, bounds: Bounds | None = None
-) -> tuple[tuple[Wall, ...], tuple[Column, ...]]:
-    """Return walls and columns of a ``walls.geojson``; raises as `load_walls` does."""
     bounds = bounds or Bounds()
     features = _features(path, bounds)
     walls: list[Wall] = []

@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 from service.domain.bounds import Bounds
 from service.domain.errors import FileMalformed, NotFinite, NoWallsFound
 from service.domain.findings import Finding
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.formats.grey_map import decode_shades
 from worker.formats.plain_yaml import parse_plain_yaml
 from worker.formats.ros_map_files import map_files, parts_of

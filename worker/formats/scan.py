@@ -6,12 +6,9 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
-import numpy as np
-
 from service.domain import media
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, UnsupportedMedia
-from service.domain.findings import Finding
 from service.domain.scan_options import ScanOptions
 from worker.formats.glb import load_glb
 from worker.formats.mesh import load_obj, load_stl
@@ -142,27 +139,3 @@ def read_map_points(path: Path, bounds: Bounds | None = None) -> PointCloud:
         As `load_scan` does.
     """
     return load_scan(path, bounds).cloud(1.0)
-
-
-def scan_findings(scan: PointCloud) -> tuple[Finding, ...]:
-    """Return remarks about a scan's units and up axis; it is taken as metres with z up all the same.
-
-    Parameters
-    ----------
-    scan : PointCloud
-        As it was read.
-    """
-    extent = scan.points.max(axis=0) - scan.points.min(axis=0)
-    largest = float(extent.max())
-    members = {"extent": np.round(extent, 3).tolist()}
-    findings = []
-    if largest > _LARGEST_EXTENT:
-        message = f"The scan reaches over {largest:.0f} units: it is probably in millimetres, read as metres."
-        findings.append(Finding("scan-units-doubtful", "warning", message, members))
-    elif largest < _SMALLEST_EXTENT:
-        message = f"The scan reaches over {largest:.3f} units only: it is probably not in metres."
-        findings.append(Finding("scan-units-doubtful", "warning", message, members))
-    elif extent[2] > 2.0 * max(extent[0], extent[1]):
-        message = "The scan is more than twice as high as wide: its up axis is probably not z."
-        findings.append(Finding("scan-up-axis-doubtful", "warning", message, members))
-    return tuple(findings)

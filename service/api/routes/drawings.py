@@ -10,13 +10,13 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import AnyActor, TabletActor
+from service.api.bodies import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapId, answered, respond
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.drawing_form import FORM
 from service.api.schemas.drawings import DrawingAccepted, DrawingOut, DrawingPatch
-from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.domain.drawing_options import DrawingOptions
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once

@@ -11,9 +11,9 @@ from service.api.auth import Presented
 from service.api.conditions import listed, match, none_match
 from service.api.deps import MapId
 from service.api.polling import Polling
-from service.api.polls import POINTER_CACHING
 from service.api.problems import base_url_of
 from service.api.schemas.revisions import Channel, PublishedOut
+from service.api.unchanged import POINTER_CACHING
 from service.domain.errors import PointerMoved
 from service.usecases.kernel import Kernel
 from service.usecases.polling import Polled, poll

@@ -10,12 +10,12 @@ from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import AnyActor, TabletActor
+from service.api.bodies import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapId, answered, respond
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
-from service.api.streams import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once
 from service.usecases.bytes_first import bytes_first

@@ -15,6 +15,7 @@ from starlette.concurrency import run_in_threadpool
 
 from service.api import problems
 from service.api.auth import TabletActor
+from service.api.bodies import UNLIMITED, refuse_by_length
 from service.api.deps import IdempotencyKey, KernelDep, Limits, LimitsDep, idempotent, request_digest, respond
 from service.api.pieces import PIECE, Piece, append_body, has_piece, require_offset
 from service.api.schemas.tus import (
@@ -25,7 +26,6 @@ from service.api.schemas.tus import (
     invalid_header,
     require_offered,
 )
-from service.api.streams import UNLIMITED, refuse_by_length
 from service.db.models import Upload
 from service.domain.access import Actor
 from service.domain.checksum import ALGORITHMS, Checksum

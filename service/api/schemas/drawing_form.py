@@ -1,4 +1,4 @@
-"""The form of a drawing's upload, for OpenAPI; `service.api.streams` reads it."""
+"""The form of a drawing's upload, for OpenAPI; `service.api.bodies` reads it."""
 
 from __future__ import annotations
 

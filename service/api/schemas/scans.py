@@ -53,7 +53,7 @@ FORM: JsonObject = {
         },
     }
 }
-"""The form of a scan's upload, for OpenAPI; `service.api.streams` reads it."""
+"""The form of a scan's upload, for OpenAPI; `service.api.bodies` reads it."""
 
 
 def said_of(fields: Mapping[str, str]) -> SaidOfScan:

@@ -8,7 +8,7 @@ import json
 from collections.abc import Mapping
 from typing import Any
 
-from service.api.streams import clean_name
+from service.api.bodies import clean_name
 from service.domain.errors import InvalidRequest, TusExtensionNotOffered
 from service.domain.media import Purpose
 from service.usecases.resumable_upload import Announced

@@ -177,43 +177,6 @@ def cylinder(centre: ArrayLike, radius: float, *, height: float, name: str, side
     return prism(outline, float(z), float(z + height), name=name)
 
 
-def wall_prism(
-    start: ArrayLike,
-    end: ArrayLike,
-    *,
-    thickness: float,
-    z_low: float,
-    z_high: float,
-    name: str,
-) -> Scene:
-    """Return a straight wall over the centre line from `start` to `end`.
-
-    Parameters
-    ----------
-    start, end : array of shape (2,)
-        Ends of the centre line [m]; the wall stops there with a square end.
-    thickness : float
-        Distance of its two faces [m].
-    z_low, z_high : float
-        Heights of its foot and top [m].
-    name : str
-        Name of the object.
-
-    Raises
-    ------
-    ValueError
-        If the centre line has no length.
-    """
-    a, b = np.asarray(start, dtype=np.float64), np.asarray(end, dtype=np.float64)
-    length = float(np.linalg.norm(b - a))
-    if not length > 0:
-        msg = "the two ends of a wall are the same point"
-        raise ValueError(msg)
-    along = (b - a) / length
-    side = np.array([-along[1], along[0]]) * (thickness / 2)
-    return prism([a - side, b - side, b + side, a + side], z_low, z_high, name=name)
-
-
 def slab(low: ArrayLike, high: ArrayLike, *, z: float, name: str) -> Scene:
     """Return a horizontal rectangle without thickness between two (2,) corners [m]: a floor or ceiling."""
     (x0, y0), (x1, y1) = np.asarray(low, dtype=np.float64), np.asarray(high, dtype=np.float64)

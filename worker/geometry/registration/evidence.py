@@ -11,7 +11,6 @@ from scipy.spatial import KDTree
 from service.domain.evidence import PlacementEvidence
 from service.domain.transform import Transform
 from worker.geometry.registration import measure
-from worker.geometry.registration.covariance import TILT, pose_covariance
 from worker.geometry.registration.fitness import (
     euclidean_fitness_score,
     nearest_voxel_transformation_likelihood,
@@ -19,7 +18,8 @@ from worker.geometry.registration.fitness import (
 )
 from worker.geometry.registration.lone_wall import Slide, rather_elsewhere
 from worker.geometry.registration.ndt import ALL_SIX, LEVELLED
-from worker.geometry.registration.problem import MARGIN, Problem
+from worker.geometry.registration.pairing import MARGIN, Pairing
+from worker.geometry.registration.pose_covariance import TILT, pose_covariance
 from worker.geometry.registration.starts import End, apart_at
 from worker.geometry.registration.undrawn import explained_share_at_top, undrawn_wall_share
 
@@ -40,45 +40,45 @@ class Found:
         return self.fit.structure_share + 0.1 * self.fit.inlier_share - _SEEN_THROUGH * self.contradicted
 
 
-def look_at(problem: Problem, end: End) -> Found:
+def look_at(pairing: Pairing, end: End) -> Found:
     """Return how the scan lies on the map at an end."""
-    fit = _fit(problem, end.T_map_scan)
-    return Found(end, fit, _contradicted(problem, fit, end.T_map_scan))
+    fit = _fit(pairing, end.T_map_scan)
+    return Found(end, fit, _contradicted(pairing, fit, end.T_map_scan))
 
 
-def _fit(problem: Problem, pose: Transform) -> measure.Fit:
+def _fit(pairing: Pairing, pose: Transform) -> measure.Fit:
     return measure.measure_fit(
-        problem.scan.fine,
-        problem.scan.normals,
-        problem.surfaces(pose),
+        pairing.scan.fine,
+        pairing.scan.normals,
+        pairing.surfaces(pose),
         pose=pose,
-        structure_from=problem.structure_from,
+        structure_from=pairing.structure_from,
     )
 
 
 def gather_evidence(
-    problem: Problem, found: list[Found], *, mirrored: Found | None, initial: Transform | None,
+    pairing: Pairing, found: list[Found], *, mirrored: Found | None, initial: Transform | None,
     starts: int, tried: int,
 ) -> PlacementEvidence:  # fmt: skip
     """Return everything measured at the best pose, and what else was found, of the mirror image too."""
-    best, pose, middle = found[0], found[0].end.T_map_scan, problem.scan.middle
-    faces = problem.target.kind == "faces"
+    best, pose, middle = found[0], found[0].end.T_map_scan, pairing.scan.middle
+    faces = pairing.target.kind == "faces"
     median, rms = _residuals(best.fit)
     shift, turn = measure.map_error_effect(best.fit, pose=pose, unknowns=LEVELLED)
     eigenvalues, weak = measure.information(best.fit, unknowns=LEVELLED if faces else ALL_SIX)
     stated = pose_covariance(best.fit, origin=pose.translation, sided=faces, held=TILT)
-    ndt_map = problem.ndt_map(pose, problem.ndt_resolution)
-    placed = pose.apply(problem.scan.coarse)
-    away = _away(problem, pose, placed)
+    ndt_map = pairing.ndt_map(pose, pairing.ndt_resolution)
+    placed = pose.apply(pairing.scan.coarse)
+    away = _away(pairing, pose, placed)
     runner_up = max(found[1:], key=lambda f: f.score, default=None)
     beside = (None, None) if runner_up is None else apart_at(pose, runner_up.end.T_map_scan, middle)
     rival, image = _explained(runner_up), _explained(mirrored)
-    slide, moved = _slide(problem, best.fit, pose), _moved(pose, initial, middle)
+    slide, moved = _slide(pairing, best.fit, pose), _moved(pose, initial, middle)
     return PlacementEvidence(
-        map_kind=problem.target.kind,
+        map_kind=pairing.target.kind,
         converged=best.end.converged,
         iterations=sum(f.end.iterations for f in found),
-        points_compared=len(problem.scan.fine),
+        points_compared=len(pairing.scan.fine),
         inlier_distance_m=measure.INLIER_DISTANCE,
         inlier_share=best.fit.inlier_share,
         inlier_share_of_structure=best.fit.structure_share,
@@ -97,10 +97,10 @@ def gather_evidence(
         position_std_m=stated.position_std,
         yaw_std_rad=stated.yaw_std,
         contradicted_share=best.contradicted,
-        astray_share=_astray(problem, best.fit, pose),
+        astray_share=_astray(pairing, best.fit, pose),
         upright_surfaces=len(measure.upright_planes(best.fit, best.fit.structure, sided=faces)),
         closed_directions=_closed(best.fit) if faces else 0,
-        undrawn_wall_share=undrawn_wall_share(best.fit, _turned(problem, pose)) if faces else 0.0,
+        undrawn_wall_share=undrawn_wall_share(best.fit, _turned(pairing, pose)) if faces else 0.0,
         explained_share_at_top=explained_share_at_top(best.fit) if faces else 1.0,
         slide_gain=slide[0],
         slide_m=slide[1],
@@ -127,18 +127,18 @@ def _residuals(fit: measure.Fit) -> tuple[float, float]:
     return float(np.median(off)), float(np.sqrt(np.mean(off**2)))
 
 
-def _away(problem: Problem, pose: Transform, placed: NDArray[np.float64]) -> NDArray[np.float64]:
+def _away(pairing: Pairing, pose: Transform, placed: NDArray[np.float64]) -> NDArray[np.float64]:
     """Return how far each placed point is from the nearest point of the map around."""
-    if problem.target.kind == "faces":
-        tree = problem.surfaces(pose).tree
+    if pairing.target.kind == "faces":
+        tree = pairing.surfaces(pose).tree
     else:
-        tree = KDTree(problem.target.near(problem.centre(pose), problem.scan.radius + 2.0 * MARGIN))
+        tree = KDTree(pairing.target.near(pairing.centre(pose), pairing.scan.radius + 2.0 * MARGIN))
     return np.asarray(tree.query(placed)[0], dtype=np.float64)
 
 
-def _turned(problem: Problem, pose: Transform) -> NDArray[np.float64]:
+def _turned(pairing: Pairing, pose: Transform) -> NDArray[np.float64]:
     """Return the scan's own normals in frame `map`."""
-    return problem.scan.normals @ pose.rotation.T
+    return pairing.scan.normals @ pose.rotation.T
 
 
 def _moved(pose: Transform, initial: Transform | None, middle: NDArray[np.float64]) -> tuple[float, float]:
@@ -152,15 +152,15 @@ def _moved(pose: Transform, initial: Transform | None, middle: NDArray[np.float6
     return min(at_middle, apart_at(pose, initial, np.zeros(3))[0]), turn
 
 
-def _contradicted(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+def _contradicted(pairing: Pairing, fit: measure.Fit, pose: Transform) -> float:
     """Return the share of the points that the tablet would have had to see through a wall.
 
     Not just past its edge: a door's jamb may stand 15 cm from where it is drawn.
     """
-    viewpoint = pose.apply(problem.scan.viewpoint[None])[0]
-    below = _below_the_walls_tops(problem, fit)
+    viewpoint = pose.apply(pairing.scan.viewpoint[None])[0]
+    below = _below_the_walls_tops(pairing, fit)
     return (
-        float(np.mean(problem.target.seen_through(below, viewpoint=viewpoint, give=_GIVE)))
+        float(np.mean(pairing.target.seen_through(below, viewpoint=viewpoint, give=_GIVE)))
         if len(below)
         else 0.0
     )
@@ -172,9 +172,9 @@ def _closed(fit: measure.Fit) -> int:
     return measure.closed_directions(planes)
 
 
-def _slide(problem: Problem, fit: measure.Fit, pose: Transform) -> Slide | tuple[None, None]:
-    faces = problem.target.faces
-    slide = None if faces is None else rather_elsewhere(fit, _turned(problem, pose), faces)
+def _slide(pairing: Pairing, fit: measure.Fit, pose: Transform) -> Slide | tuple[None, None]:
+    faces = pairing.target.faces
+    slide = None if faces is None else rather_elsewhere(fit, _turned(pairing, pose), faces)
     return slide or (None, None)
 
 
@@ -183,16 +183,16 @@ def _explained(found: Found | None) -> tuple[float, float] | tuple[None, None]:
     return (None, None) if found is None else (found.fit.structure_share, found.contradicted)
 
 
-def _below_the_walls_tops(problem: Problem, fit: measure.Fit) -> NDArray[np.float64]:
-    return fit.placed[fit.placed[:, 2] < problem.target.wall_height]
+def _below_the_walls_tops(pairing: Pairing, fit: measure.Fit) -> NDArray[np.float64]:
+    return fit.placed[fit.placed[:, 2] < pairing.target.wall_height]
 
 
-def _astray(problem: Problem, fit: measure.Fit, pose: Transform) -> float:
+def _astray(pairing: Pairing, fit: measure.Fit, pose: Transform) -> float:
     """Return the share of the structure that is on no face and, unlike an object, in no room either."""
-    faces, structure = problem.target.faces, fit.structure
+    faces, structure = pairing.target.faces, fit.structure
     if faces is None or not structure.any():
         return 0.0
     loose = fit.placed[structure & ~fit.inlier, :2]
-    eye = pose.apply(problem.scan.viewpoint[None])[0, :2]
+    eye = pose.apply(pairing.scan.viewpoint[None])[0, :2]
     in_room = faces.backs(eye, loose) & ~faces.hidden_from(eye, loose)
     return float(np.count_nonzero(~in_room) / np.count_nonzero(structure))

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from service.domain.transform import Transform
 from worker.geometry.registration.evidence import Found, look_at
 from worker.geometry.registration.neighbours import NeighbourGrid
+from worker.geometry.registration.pairing import Pairing
 from worker.geometry.registration.prepare import PreparedScan
-from worker.geometry.registration.problem import Problem
 from worker.geometry.registration.refine import refine_to_surfaces
 from worker.geometry.registration.search import Outline, Region, search
 from worker.geometry.registration.starts import End
@@ -21,7 +21,7 @@ _MOST, _WORSE = 2, 0.1
 _SAME_PLACE, _SAME_SIDE, _SAME_MAP = 0.15, 0.5, 0.95
 
 
-def best_mirrored(problem: Problem, pose: Transform, *, region: Region | None, least: float) -> Found | None:
+def best_mirrored(pairing: Pairing, pose: Transform, *, region: Region | None, least: float) -> Found | None:
     """Return the best pose of the scan's mirror image, or None where it fits much less or tells nothing.
 
     A scan that is right is explained better than its mirror image, by where the doors are if by nothing else.
@@ -29,7 +29,7 @@ def best_mirrored(problem: Problem, pose: Transform, *, region: Region | None, l
 
     Parameters
     ----------
-    problem : Problem
+    pairing : Pairing
         Of the scan, on a map of faces.
     pose : Transform
         `T_map_scan` that was found for the scan.
@@ -38,10 +38,10 @@ def best_mirrored(problem: Problem, pose: Transform, *, region: Region | None, l
     least : float
         Score of the scan itself in a search; an image that scores 0.1 less is no rival.
     """
-    scan = _mirrored(problem.scan)
-    mirrored = replace(problem, scan=scan)
+    scan = _mirrored(pairing.scan)
+    mirrored = replace(pairing, scan=scan)
     anyhow = None if region is None else replace(region, turn=np.pi)
-    hypotheses = search(scan.structure, problem.target.outline, region=anyhow, thorough=False)
+    hypotheses = search(scan.structure, pairing.target.outline, region=anyhow, thorough=False)
     worth = hypotheses.score >= least - _WORSE
     found = []
     for x, y, yaw in hypotheses.poses[worth][:_MOST]:
@@ -52,7 +52,7 @@ def best_mirrored(problem: Problem, pose: Transform, *, region: Region | None, l
         end = End(refined.T_map_scan, 0.0, 0, refined.converged, refined.iterations)
         found.append(look_at(mirrored, end))
     best = max(found, key=lambda f: f.score, default=None)
-    if best is None or _is_mirrored_onto_itself(problem.target.outline, pose, best.end.T_map_scan):
+    if best is None or _is_mirrored_onto_itself(pairing.target.outline, pose, best.end.T_map_scan):
         return None
     return best
 

@@ -4,20 +4,16 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Literal
 
 import numpy as np
-from numba import njit, prange
 from numpy.typing import NDArray
 
+from worker.geometry.registration.cell_covariance import CellCovariance, as_run, inverted
 from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.cells import empty_table, fill_table, neighbour_rows, touched_bricks
-from worker.geometry.registration.symmetric import eigen
 
 OUTLIER_RATIO = 0.55
 LEAST_POINTS = 6
-_LEAST_EIGENVALUE_SHARE = 0.01
-_FLATTEST = 1e-12
 
 
 @dataclass(frozen=True, eq=False)
@@ -77,10 +73,6 @@ def gauss_constants(resolution: float, *, outlier_ratio: float = OUTLIER_RATIO) 
     return d1, d2
 
 
-CellCovariance = Literal["exact", "pcl-1.11", "autoware"]
-"""What a robot's NDT makes of a cell's points: the same cloud is another map to another localizer."""
-
-
 def build_ndt_map(
     points: NDArray[np.float64], resolution: float, *, covariance: CellCovariance = "exact"
 ) -> NdtMap:
@@ -111,8 +103,8 @@ def build_ndt_map(
         msg = f"a cell's edge is positive, not {resolution}"
         raise ValueError(msg)
     moments = cell_moments(points, resolution, least=LEAST_POINTS)
-    robots = _as_run(moments.covariances, moments.counts, covariance)
-    inverses, normals, solid = _inverted(robots)
+    robots = as_run(moments.covariances, moments.counts, covariance)
+    inverses, normals, solid = inverted(robots)
     cells, means = moments.cells, moments.means
     if not solid.all():
         cells, means, inverses, normals = cells[solid], means[solid], inverses[solid], normals[solid]
@@ -121,41 +113,3 @@ def build_ndt_map(
     fill_table(bricks, table_keys, table_bricks)
     row_starts, row_cells = neighbour_rows(cells, bricks, table_keys, table_bricks)
     return NdtMap(resolution, means, inverses, normals, table_keys, table_bricks, row_starts, row_cells)
-
-
-def _as_run(
-    exact: NDArray[np.float64], counts: NDArray[np.int64], covariance: CellCovariance
-) -> NDArray[np.float64]:
-    """Return exact covariances (C, 6) of cells of so many points (C,) as a robot's NDT has them [m^2]."""
-    n, identity = counts[:, None].astype(np.float64), np.array([1.0, 0.0, 0.0, 1.0, 0.0, 1.0])
-    if covariance == "pcl-1.11":
-        old: NDArray[np.float64] = ((n - 1.0) * exact + identity) / n * (n - 1.0) / n
-        return old
-    if covariance == "autoware":
-        return exact + identity / (n - 1.0)
-    return exact
-
-
-@njit(cache=True, parallel=True)
-def _inverted(
-    covariances: NDArray[np.float64],
-) -> tuple[NDArray[np.float64], NDArray[np.float64], NDArray[np.bool_]]:
-    """Return the inverses (C, 6) of covariances made thick enough (equation 6.11), normals, and if solid."""
-    count = len(covariances)
-    inverses, normals = np.zeros((count, 6)), np.zeros((count, 3))
-    solid = np.zeros(count, dtype=np.bool_)
-    for c in prange(count):
-        w, v = np.zeros(3), np.zeros((3, 3))
-        eigen(covariances[c], w, v)
-        solid[c] = w[2] > _FLATTEST
-        least = max(_LEAST_EIGENVALUE_SHARE * w[2], 1e-300)
-        a, b, d = 1.0 / max(w[0], least), 1.0 / max(w[1], least), 1.0 / max(w[2], least)
-        out = inverses[c]
-        out[0] = a * v[0, 0] * v[0, 0] + b * v[0, 1] * v[0, 1] + d * v[0, 2] * v[0, 2]
-        out[1] = a * v[0, 0] * v[1, 0] + b * v[0, 1] * v[1, 1] + d * v[0, 2] * v[1, 2]
-        out[2] = a * v[0, 0] * v[2, 0] + b * v[0, 1] * v[2, 1] + d * v[0, 2] * v[2, 2]
-        out[3] = a * v[1, 0] * v[1, 0] + b * v[1, 1] * v[1, 1] + d * v[1, 2] * v[1, 2]
-        out[4] = a * v[1, 0] * v[2, 0] + b * v[1, 1] * v[2, 1] + d * v[1, 2] * v[2, 2]
-        out[5] = a * v[2, 0] * v[2, 0] + b * v[2, 1] * v[2, 1] + d * v[2, 2] * v[2, 2]
-        normals[c, 0], normals[c, 1], normals[c, 2] = v[0, 0], v[1, 0], v[2, 0]
-    return inverses, normals, solid

@@ -18,8 +18,8 @@ from worker.geometry.registration import measure
 from worker.geometry.registration.cell_moments import cell_moments
 from worker.geometry.registration.evidence import Found, gather_evidence, look_at
 from worker.geometry.registration.mirror import best_mirrored
+from worker.geometry.registration.pairing import Pairing
 from worker.geometry.registration.prepare import prepare_scan
-from worker.geometry.registration.problem import Problem
 from worker.geometry.registration.refine import refine_to_surfaces
 from worker.geometry.registration.search import Hypotheses, Region, search
 from worker.geometry.registration.starts import End, ends_of, merge_ends, start_poses
@@ -124,17 +124,17 @@ def place_scan(
     """
     tell = progress or (lambda _stage, _share: None)
     tell("prepare", 0.0)
-    problem = Problem(prepare_scan(scan), target, ndt_resolution)
+    pairing = Pairing(prepare_scan(scan), target, ndt_resolution)
     if initial is not None:
-        problem.surfaces(initial)
+        pairing.surfaces(initial)
     tell("search", 0.2)
-    hypotheses, ends = _hypotheses(problem, initial)
+    hypotheses, ends = _hypotheses(pairing, initial)
     starts: tuple[Transform, ...] = ()
     if target.kind == "cloud" and initial is not None:
-        starts = start_poses(initial, initial.apply(problem.scan.middle[None])[0])
-        maps = [problem.ndt_map(initial, grid) for grid in (2.0 * ndt_resolution, ndt_resolution)]
+        starts = start_poses(initial, initial.apply(pairing.scan.middle[None])[0])
+        maps = [pairing.ndt_map(initial, grid) for grid in (2.0 * ndt_resolution, ndt_resolution)]
         ends += ends_of(
-            problem.scan.coarse, maps, starts=starts, told=lambda share: tell("ndt", 0.3 + 0.3 * share)
+            pairing.scan.coarse, maps, starts=starts, told=lambda share: tell("ndt", 0.3 + 0.3 * share)
         )[:_MOST_CANDIDATES]
     if not ends:
         raise PlacementNotComputed(
@@ -142,22 +142,22 @@ def place_scan(
             "give a rough pose."
         )
     tell("refine", 0.6)
-    found = _refine_ends(problem, ends, tell)
+    found = _refine_ends(pairing, ends, tell)
     best = found[0]
     tell("measure", 0.8)
     mirrored = None
     if hypotheses is not None and target.kind == "faces":
         least = float(hypotheses.score.max(initial=0.0))
-        mirrored = best_mirrored(problem, best.end.T_map_scan, region=_region(initial), least=least)
+        mirrored = best_mirrored(pairing, best.end.T_map_scan, region=_region(initial), least=least)
     evidence = gather_evidence(
-        problem,
+        pairing,
         found,
         mirrored=mirrored,
         initial=initial,
         starts=len(starts),
         tried=hypotheses.tried if hypotheses is not None else 0,
     )
-    labels = _labels(scan, problem.surfaces(best.end.T_map_scan), best.end.T_map_scan)
+    labels = _labels(scan, pairing.surfaces(best.end.T_map_scan), best.end.T_map_scan)
     candidates = tuple(
         Candidate(f.end.T_map_scan, f.fit.structure_share, f.fit.inlier_share, f.end.starts) for f in found
     )
@@ -165,17 +165,17 @@ def place_scan(
     return Placed(best.end.T_map_scan, evidence, labels, candidates)
 
 
-def _hypotheses(problem: Problem, initial: Transform | None) -> tuple[Hypotheses | None, list[End]]:
+def _hypotheses(pairing: Pairing, initial: Transform | None) -> tuple[Hypotheses | None, list[End]]:
     """Return what the search found, and the poses worth refining; the rough pose is one of them."""
-    outline, region = problem.target.outline, _region(initial)
-    z = _height(problem, initial)
+    outline, region = pairing.target.outline, _region(initial)
+    z = _height(pairing, initial)
     ends, hypotheses = [], None
-    if len(problem.scan.structure) >= _LEAST_STRUCTURE:
-        hypotheses = search(problem.scan.structure, outline, region=region)
+    if len(pairing.scan.structure) >= _LEAST_STRUCTURE:
+        hypotheses = search(pairing.scan.structure, outline, region=region)
         worth = hypotheses.score >= _WORTH * hypotheses.score.max(initial=0.0)
         for x, y, yaw in hypotheses.poses[worth][:_MOST_CANDIDATES]:
             ends.append(End(Transform.from_xyz_yaw(x, y, z, yaw), 0.0, 0, True, 0))
-    if initial is not None and problem.target.kind == "faces":
+    if initial is not None and pairing.target.kind == "faces":
         x, y, _ = initial.translation
         ends.append(End(Transform.from_xyz_yaw(x, y, z, initial.rpy[2]), 0.0, 0, True, 0))
     return hypotheses, ends
@@ -189,9 +189,9 @@ def _region(initial: Transform | None) -> Region | None:
     return Region(float(x), float(y), float(initial.rpy[2]), _ROUGH_RADIUS, _ROUGH_TURN)
 
 
-def _height(problem: Problem, initial: Transform | None) -> float:
+def _height(pairing: Pairing, initial: Transform | None) -> float:
     """Return the height of the scan's origin in frame `map`: by level surfaces, else by the rough pose."""
-    scan, target = problem.scan, problem.target
+    scan, target = pairing.scan, pairing.target
     if target.kind == "cloud":
         if initial is not None:
             return float(initial.translation[2])
@@ -204,37 +204,37 @@ def _height(problem: Problem, initial: Transform | None) -> float:
     return _HELD - float(scan.viewpoint[2])
 
 
-def _refine_ends(problem: Problem, ends: list[End], tell: Progress) -> list[Found]:
+def _refine_ends(pairing: Pairing, ends: list[End], tell: Progress) -> list[Found]:
     """Return the ends refined, made distinct again, the best first; those without hope are left out.
 
     Ends nearer than half the reach of the refinement come to the same pose: one of them is enough.
     """
-    ends = merge_ends(ends, problem.scan.middle, apart=_NEAR, turned=_NEAR_TURN)
+    ends = merge_ends(ends, pairing.scan.middle, apart=_NEAR, turned=_NEAR_TURN)
     moved = []
     for done, end in enumerate(ends):
         tell("refine", 0.6 + 0.15 * done / len(ends))
-        moved.append(_refine(problem, end, thorough=False))
-    distinct = merge_ends(moved, problem.scan.middle)
+        moved.append(_refine(pairing, end, thorough=False))
+    distinct = merge_ends(moved, pairing.scan.middle)
     best = max(end.score for end in distinct)
     finished = [
-        _refine(problem, end, thorough=True) if end.score >= best - _RIVAL else end
+        _refine(pairing, end, thorough=True) if end.score >= best - _RIVAL else end
         for end in distinct
         if end.score >= best - _HOPELESS
     ]
-    found = [look_at(problem, end) for end in merge_ends(finished, problem.scan.middle)]
+    found = [look_at(pairing, end) for end in merge_ends(finished, pairing.scan.middle)]
     return sorted(found, key=lambda f: -f.score)[:_MOST_CANDIDATES]
 
 
-def _refine(problem: Problem, end: End, *, thorough: bool) -> End:
+def _refine(pairing: Pairing, end: End, *, thorough: bool) -> End:
     last = refine_to_surfaces(
-        problem.scan.fine,
-        problem.scan.normals,
-        problem.surfaces(end.T_map_scan),
+        pairing.scan.fine,
+        pairing.scan.normals,
+        pairing.surfaces(end.T_map_scan),
         initial=end.T_map_scan,
         thorough=thorough,
     )
     refined = End(last.T_map_scan, 0.0, end.starts, last.converged, end.iterations + last.iterations)
-    return replace(refined, score=look_at(problem, refined).score)
+    return replace(refined, score=look_at(pairing, refined).score)
 
 
 def _labels(scan: PointCloud, surfaces: Surfaces, pose: Transform) -> NDArray[np.uint8]:

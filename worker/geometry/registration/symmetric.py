@@ -1,43 +1,12 @@
-"""Eigenvalues and eigenvectors of many symmetric 3 x 3 matrices, compiled."""
+"""Eigenvalues and eigenvectors of symmetric 3 x 3 matrices, compiled."""
 
 from __future__ import annotations
 
 import numpy as np
-from numba import njit, prange
+from numba import njit
 from numpy.typing import NDArray
 
 _SWEEPS = 12
-
-
-def eigen_of(matrices: NDArray[np.float64]) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
-    """Return eigenvalues, ascending, and eigenvectors of symmetric matrices, as `numpy.linalg.eigh` does.
-
-    Parameters
-    ----------
-    matrices : ndarray of shape (C, 6), float64
-        xx, xy, xz, yy, yz, zz of each; no unit is assumed.
-
-    Returns
-    -------
-    tuple
-        Eigenvalues (C, 3), and eigenvectors (C, 3, 3) in columns, each of length 1 with a sign of its own.
-
-    Notes
-    -----
-    Cyclic Jacobi (Golub & Van Loan, 8.5): about 0.3 us a matrix, where LAPACK takes 1.7. Each matrix is
-    turned by itself: the same bits whatever the number of threads.
-    """
-    values, vectors = np.zeros((len(matrices), 3)), np.zeros((len(matrices), 3, 3))
-    _eigen_of(np.ascontiguousarray(matrices), values, vectors)
-    return values, vectors
-
-
-@njit(cache=True, parallel=True)
-def _eigen_of(
-    matrices: NDArray[np.float64], values: NDArray[np.float64], vectors: NDArray[np.float64]
-) -> None:
-    for n in prange(len(matrices)):
-        eigen(matrices[n], values[n], vectors[n])
 
 
 @njit(cache=True)

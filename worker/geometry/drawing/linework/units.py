@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from service.domain.findings import Finding
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import Lines, crowded, distinct, stretches
 from worker.geometry.drawing.linework.roles import assign_roles

@@ -13,7 +13,7 @@ from skimage import measure
 
 from service.domain.errors import DrawingTooComplex, ImageTooLarge
 from worker.geometry.drawing.model.sections import area_of, signed_area
-from worker.geometry.drawing.outline.walls import Solids, read_outlines
+from worker.geometry.drawing.outline.solids import Solids, read_outlines
 
 MOST_CELLS = 40_000_000
 _MOST_BODIES = 5_000

@@ -20,7 +20,13 @@ from worker.geometry.drawing.raster.parts import measure_parts
 from worker.geometry.drawing.raster.strokes import Strokes, find_strokes
 from worker.geometry.drawing.raster.style import by_darkness, is_filled
 from worker.geometry.drawing.raster.support import with_confidence
-from worker.geometry.drawing.raster.walls import filled_walls, outlined_walls, rest, single_walls, thick_mask
+from worker.geometry.drawing.raster.wall_strokes import (
+    filled_walls,
+    outlined_walls,
+    rest,
+    single_walls,
+    thick_mask,
+)
 from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale.decision import Scale
 

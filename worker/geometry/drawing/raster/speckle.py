@@ -81,13 +81,13 @@ def mended(contrast: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _segment(angle: float) -> NDArray[np.float32]:
-    """Return the kernel of the mean along a line of 9 px through the middle."""
+    """Return the weights of the mean along a line of 9 px through the middle."""
     share = np.linspace(-(_LONG // 2), _LONG // 2, 4 * _LONG + 1)
-    kernel = np.zeros((_LONG, _LONG), dtype=np.float32)
+    weights = np.zeros((_LONG, _LONG), dtype=np.float32)
     x, y = share * np.cos(angle) + _LONG // 2, share * np.sin(angle) + _LONG // 2
     at = np.unique(np.rint(np.column_stack([y, x])).astype(int), axis=0)
-    kernel[at[:, 0], at[:, 1]] = 1.0
-    return np.asarray(kernel / kernel.sum(), dtype=np.float32)
+    weights[at[:, 0], at[:, 1]] = 1.0
+    return np.asarray(weights / weights.sum(), dtype=np.float32)
 
 
 def _tiles(grey: NDArray[np.uint8]) -> Iterator[NDArray[np.uint8]]:

@@ -92,12 +92,6 @@ def judge(reading: Reading) -> Reading:
     return replace(reading, walls=walls, confidence=confidence, findings=findings)
 
 
-def marks_of(reading: Reading) -> Marks:
-    """Return what the reading's confidence rests on; it has at least one wall."""
-    metres = 1.0 if reading.unit == "m" else _ASSUMED_EXTENT / max(*reading.sheet, 1e-9)
-    return _marks(reading, _touched_ends(reading, _REACH / metres), metres)
-
-
 def _marks(reading: Reading, touched: NDArray[np.bool_], metres: float) -> Marks:
     length = np.array([w.length for w in reading.walls])
     total = max(float(length.sum()), 1e-9)

@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 
 from service.domain.findings import Finding
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.page.spans import StrokeIndex, page_spans
 from worker.geometry.drawing.scale.decision import Witness, contradictions, decide

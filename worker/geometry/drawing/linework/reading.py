@@ -17,7 +17,7 @@ from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import pair_lines
 from worker.geometry.drawing.linework.removed import removed_strokes, source_layers
 from worker.geometry.drawing.linework.roles import Roles, assign_roles
-from worker.geometry.drawing.outline.walls import read_outlines
+from worker.geometry.drawing.outline.solids import read_outlines
 from worker.geometry.drawing.reading.reading import Column, Reading, Wall
 from worker.geometry.drawing.scale.decision import Scale
 

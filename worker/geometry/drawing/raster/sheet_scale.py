@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.findings import Finding
-from service.domain.scale import ScaleHint
+from service.domain.scale_hint import ScaleHint
 from worker.geometry.drawing.raster.sheet import Sheet
 from worker.geometry.drawing.scale.bar import bar_witnesses
 from worker.geometry.drawing.scale.decision import Witness, contradictions, decide

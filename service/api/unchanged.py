@@ -21,7 +21,7 @@ _PATH = re.compile(r"/v1/maps/([a-z]+_[0-9a-z]{1,39})/published")
 _QUERY = re.compile(rb"(?:channel=([a-z][a-z0-9-]{0,39}))?")
 
 
-class Polls:
+class Unchanged:
     """Wrap an ASGI app: a poll whose `If-None-Match` still holds is answered here, all else by the app.
 
     Thousands of robots ask the same again and again, and nearly always nothing has changed. Such an answer

@@ -1,4 +1,4 @@
-"""One placement's problem: the prepared scan, the map, and what of the map lies around a pose."""
+"""A scan and the map it is placed on: the prepared scan, the map, and what of the map lies around a pose."""
 
 from __future__ import annotations
 
@@ -21,7 +21,7 @@ _STRIDE = 1.0
 
 
 @dataclass(frozen=True, eq=False)
-class Problem:
+class Pairing:
     """Hold scan and map, and what of the map lies around the poses looked at."""
 
     scan: PreparedScan

@@ -15,10 +15,10 @@ from numpy.typing import NDArray
 from service.domain.errors import DrawingTooComplex, NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.linework.reading import read_linework
 from worker.geometry.drawing.linework.removed import source_layers
 from worker.geometry.drawing.linework.roles import Roles, assign_roles
-from worker.geometry.drawing.linework.walls import read_linework
-from worker.geometry.drawing.outline.walls import Solids, read_outlines
+from worker.geometry.drawing.outline.solids import Solids, read_outlines
 from worker.geometry.drawing.page.areas import wall_areas
 from worker.geometry.drawing.page.removed import frames, set_aside
 from worker.geometry.drawing.page.sheet import draw_page
