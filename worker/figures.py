@@ -2,26 +2,20 @@
 
 from __future__ import annotations
 
-from prometheus_client import (
-    CollectorRegistry,
-    Counter,
-    Gauge,
-    Histogram,
-    ProcessCollector,
-    start_http_server,
-)
+from prometheus_client import Counter, Gauge, Histogram
+
+from service.exposition import Exposed
 
 _SECONDS = (0.1, 0.3, 1, 3, 10, 30, 100, 300, 1000, 3000)
 _BYTES = tuple(float(2**power) for power in range(26, 35))
 """From 64 MiB, less than a job's process has at rest, to 16 GiB."""
 
 
-class Figures:
-    """Hold the counters of one worker, in a registry of its own."""
+class Figures(Exposed):
+    """Hold the counters of one worker."""
 
     def __init__(self) -> None:
-        self._registry = CollectorRegistry(auto_describe=False)
-        ProcessCollector(registry=self._registry)
+        super().__init__()
         self._ended = Counter(
             "groundplan_worker_attempts",
             "Attempts at jobs that ended here: done, failed, died without a word, or broken-off.",
@@ -61,13 +55,3 @@ class Figures:
         self._seconds.labels(kind).observe(seconds)
         self._cpu.labels(kind).inc(cpu_s)
         self._peak.labels(kind).observe(peak_bytes)
-
-    def serve(self, host: str, port: int) -> None:
-        """Give the metrics at a port of their own, from a thread that ends with the process.
-
-        Raises
-        ------
-        OSError
-            If the port is taken.
-        """
-        start_http_server(port, addr=host, registry=self._registry)

@@ -23,9 +23,9 @@ from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
 from service.domain.errors import DatabaseBusy, DomainError, StorageFull, Unavailable
 from service.domain.job_limits import JobLimits, Limits, Usage
-from service.domain.lifecycle import room_wait_s
+from service.domain.lifecycle import MOST_FULL_TRIES, room_wait_s
 from service.domain.reading_cost import ReadingLimits
-from service.storage.room import Spare, found_full, full_disk_refused
+from service.storage.room import Space, Spare, found_full, full_disk_refused
 from service.usecases.kernel import Kernel
 from worker.figures import Figures
 from worker.process import WarmChild, why_it_died
@@ -63,11 +63,15 @@ class Terms:
 
 @dataclass
 class _Watch:
-    """Hold what the parent knows of the running attempt; times are monotonic seconds."""
+    """Hold what the parent knows of the running attempt; times are monotonic seconds.
+
+    `space` is how the scarcest disk stood when it began.
+    """
 
     attempt: Attempt
     child: WarmChild
     limits: Limits
+    space: Space | None
     started_at: float
     beaten_at: float
     verdict: Callable[[Session], None] | None = None
@@ -224,7 +228,8 @@ class Runner:
         bound.info("job started")
         workdir = self._terms.folder / attempt.token
         now = time.monotonic()
-        watch = _Watch(attempt, child, self._terms.limits, started_at=now, beaten_at=now)
+        space = self._kernel.room.scarcest()
+        watch = _Watch(attempt, child, self._terms.limits, space, started_at=now, beaten_at=now)
         self._figures.begin()
         try:
             with full_disk_refused():
@@ -274,7 +279,7 @@ class Runner:
         if passed is not None:
             self._break_off(watch, self._failing(attempt, watch.limits.refusal(passed, watch.used)))
         elif now > self._stop_by:
-            self._break_off(watch, lambda s: waiting.release(s, attempt, now=self._kernel.now()))
+            self._break_off(watch, lambda s: waiting.give_back(s, attempt, now=self._kernel.now()))
         elif now - watch.beaten_at > watch.pause_s(self._terms.beat_s):
             self._beat(watch)
 
@@ -337,14 +342,20 @@ class Runner:
         return lambda s: self._try_again(s, attempt, problem)
 
     def _waiting(self, watch: _Watch, problem: dict[str, Any]) -> Callable[[Session], None]:
-        """Return that a job found no room: it waits, and the try does not count."""
+        """Return that a job found no room: it waits. If it began with room, it does so a few times."""
+        attempt, space, now = watch.attempt, watch.space, self._kernel.now
         wait_s = room_wait_s(time.monotonic() - watch.started_at, least_s=self._terms.room_wait_s)
-        log.warning(
-            "the job waits for room on the disk", job=watch.attempt.job_id, again_in_s=round(wait_s, 1)
-        )
-        return lambda s: waiting.wait_for_room(
-            s, watch.attempt, problem=problem, wait_s=wait_s, now=self._kernel.now()
-        )
+        waits: dict[str, Any] = {"problem": problem, "wait_s": wait_s}
+        if space is None or space.is_full:
+            log.warning("the job found no room on the disk", job=attempt.job_id)
+            return lambda s: waiting.give_back(s, attempt, **waits, now=now())
+        log.warning("the job filled the disk", job=attempt.job_id, free_bytes=space.free_bytes)
+        last = space.did_not_do(MOST_FULL_TRIES).problem()
+
+        def wait(session: Session) -> None:
+            waiting.wait_for_room(session, attempt, last=last, **waits, now=now())
+
+        return wait
 
     def _try_again(self, session: Session, attempt: Attempt, problem: dict[str, Any]) -> None:
         jobs.try_again(session, attempt, problem=problem, now=self._kernel.now())

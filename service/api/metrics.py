@@ -4,17 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
 
-from prometheus_client import (
-    CollectorRegistry,
-    Counter,
-    Histogram,
-    ProcessCollector,
-    generate_latest,
-    start_http_server,
-)
+from prometheus_client import Counter, Histogram, generate_latest
 from prometheus_client.core import GaugeMetricFamily
 from prometheus_client.registry import Collector
 
+from service.exposition import Exposed
 from service.storage.room import Space
 from service.usecases.stats import JobFigures
 
@@ -57,12 +51,11 @@ class _Storage(Collector):
             yield gauge
 
 
-class Metrics:
-    """Hold the counters of one app, in a registry of its own."""
+class Metrics(Exposed):
+    """Hold the counters of one app."""
 
     def __init__(self, *, jobs: Callable[[], JobFigures], spaces: Callable[[], Sequence[Space]]) -> None:
-        self._registry = CollectorRegistry(auto_describe=False)
-        ProcessCollector(registry=self._registry)
+        super().__init__()
         self._requests = Counter(
             "groundplan_http_requests",
             "Requests answered.",
@@ -87,16 +80,6 @@ class Metrics:
         known = method if method in {"GET", "HEAD", "POST", "PATCH", "DELETE", "OPTIONS", "PUT"} else "other"
         self._requests.labels(known, route, str(status)).inc()
         self._seconds.labels(route).observe(seconds)
-
-    def serve(self, host: str, port: int) -> None:
-        """Give the metrics at a port of their own, from a thread that ends with the process.
-
-        Raises
-        ------
-        OSError
-            If the port is taken.
-        """
-        start_http_server(port, addr=host, registry=self._registry)
 
     def text(self) -> bytes:
         """Return all metrics in Prometheus' text format."""

@@ -290,7 +290,8 @@ def retry(session: Session, job_id: str, *, now: datetime) -> Job:
         raise JobNotRetryable(f"Only an ended job can be tried again; this one is {job.state}.")
     if job.kind == JobKind.BUILD_REVISION:
         raise JobNotRetryable("A revision that failed stays failed: ask for a new revision instead.")
-    job.attempt, job.problem, job.ended_at, job.cancel_requested = 0, None, None, False
+    job.attempt, job.full_tries, job.cancel_requested = 0, 0, False
+    job.problem = job.ended_at = None
     requeue(session, job, wait_s=0.0, now=now)
     return job
 

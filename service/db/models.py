@@ -300,7 +300,8 @@ class Publication(Base):
 class Job(Base):
     """Background work: the record of its state, whatever delivers it.
 
-    `key_id` is the key that asked for it; null is the product itself.
+    `key_id` is the key that asked for it; null is the product itself. `full_tries` counts the attempts that
+    began with room on the disk and found it full; they are no part of `attempt`.
     """
 
     __tablename__ = "jobs"
@@ -323,6 +324,7 @@ class Job(Base):
     key_id: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
     state: Mapped[str] = mapped_column(String(16))
     attempt: Mapped[int] = mapped_column(default=0)
+    full_tries: Mapped[int] = mapped_column(default=0, server_default="0")
     attempt_token: Mapped[str | None] = mapped_column(Id)
     worker: Mapped[str | None] = mapped_column(String(200))
     lease_until: Mapped[datetime | None]

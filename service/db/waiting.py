@@ -9,19 +9,24 @@ from typing import Any
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from service.db.jobs import Attempt, held_job, present_at, requeue
+from service.db.jobs import Attempt, finish_failed, held_job, present_at, requeue
 from service.db.models import Job
-from service.domain.lifecycle import JobState
+from service.domain.lifecycle import MOST_FULL_TRIES, JobState
 
 _MOST_TOLD = 500
 
 
-def wait_for_room(
-    session: Session, attempt: Attempt, *, problem: dict[str, Any], wait_s: float, now: datetime
+def give_back(
+    session: Session,
+    attempt: Attempt,
+    *,
+    now: datetime,
+    problem: dict[str, Any] | None = None,
+    wait_s: float = 0.0,
 ) -> None:
-    """Give the job back, to be tried again in `wait_s` seconds; the try, which found no room, does not count.
+    """Give the job back unfinished, for any worker to take in `wait_s` seconds; the try does not count.
 
-    Until then the job shows the problem for which it waits.
+    Until then the job shows the `problem` for which it waits, if there is one.
 
     Raises
     ------
@@ -32,6 +37,33 @@ def wait_for_room(
     job.attempt -= 1
     job.problem = problem
     requeue(session, job, wait_s=wait_s, now=now)
+
+
+def wait_for_room(
+    session: Session,
+    attempt: Attempt,
+    *,
+    problem: dict[str, Any],
+    last: dict[str, Any],
+    wait_s: float,
+    now: datetime,
+) -> bool:
+    """Return whether the job, which began with room and found the disk full, waits as `give_back` has it.
+
+    If it has found it so for the last time, it has failed with `last`: it does not fit.
+
+    Raises
+    ------
+    LeaseLost
+        If the job is no longer this attempt's.
+    """
+    job = held_job(session, attempt)
+    job.full_tries += 1
+    if job.full_tries >= MOST_FULL_TRIES:
+        finish_failed(session, attempt, problem=last, now=now)
+        return False
+    give_back(session, attempt, problem=problem, wait_s=wait_s, now=now)
+    return True
 
 
 def due_untold(session: Session, *, now: datetime) -> list[str]:
@@ -48,16 +80,3 @@ def tell_why_waiting(session: Session, job_ids: Sequence[str], *, problem: dict[
     waiting = Job.id.in_(job_ids), Job.state == JobState.QUEUED.value
     told = {"problem": problem, "changed": Job.changed + 1}
     session.execute(update(Job).where(*waiting).values(told).execution_options(synchronize_session=False))
-
-
-def release(session: Session, attempt: Attempt, *, now: datetime) -> None:
-    """Give the job back unfinished, for any worker to take at once; the try does not count.
-
-    Raises
-    ------
-    LeaseLost
-        If the job is no longer this attempt's.
-    """
-    job = held_job(session, attempt)
-    job.attempt -= 1
-    requeue(session, job, wait_s=0.0, now=now)

@@ -668,8 +668,9 @@ class StorageFull(Unavailable):
 
     Nothing is half stored. Send the same request again after the `Retry-After` seconds; an upload in pieces
     goes on from its offset. A job that finds no room stays queued with this problem, and is tried again by
-    itself when there is room. What is stored can be looked at and downloaded all the while. `free_bytes` and
-    `reserve_bytes` tell how the disk stood.
+    itself when there is room; one that began with room `tries` times, and found the disk full each time, has
+    failed with it: it needs more than there was. What is stored can be looked at and downloaded meanwhile.
+    `free_bytes` and `reserve_bytes` tell how the disk stood, for such a job when it was begun last.
     """
 
     title = "The storage is full"

@@ -86,6 +86,13 @@ hold few revisions: eight serve a fleet that is spread over the last eight publi
 wait that the product foresees, one for each move of a channel, so that no robot keeps the fleet's next back.
 """
 
+MOST_FULL_TRIES = 5
+"""Tries of a job that begin with room above the reserve and find the disk full; the last one ends it.
+
+With the pauses of `room_wait_s` a job of some minutes outlasts twenty minutes in which others fill the disk
+and make room again; one that does not fit costs a worker five tries, and not tries for ever.
+"""
+
 MOST_ROOM_WAIT_S = 300.0
 _WAITS_A_TRY = 2.0
 
@@ -93,7 +100,7 @@ _WAITS_A_TRY = 2.0
 def room_wait_s(took_s: float, *, least_s: float) -> float:
     """Return the seconds until a job that found the disk full is tried again.
 
-    Twice as long as the try took, so that a job which never fits leaves its worker to the others; but
+    Twice as long as the try took, so that a job which does not fit leaves its worker to the others; but
     `least_s` at least, and five minutes at most.
 
     Examples

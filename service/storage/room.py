@@ -66,6 +66,18 @@ class Space:
             reserve_bytes=self.reserve_bytes,
         )
 
+    def did_not_do(self, tries: int) -> StorageFull:
+        """Return why a job has failed that was begun so often with room like this, and filled the disk."""
+        return StorageFull(
+            f"The job needs more room on the server's disk than there is: it was begun {tries} times with "
+            f"room above the reserve, the last time with {self.free_bytes} bytes free ({self.name}; "
+            f"{self.reserve_bytes} stay in reserve), and found the disk full each time. Nothing was changed. "
+            "Tell an admin to make more room than that; then retry the job, or ask for the revision anew.",
+            free_bytes=self.free_bytes,
+            reserve_bytes=self.reserve_bytes,
+            tries=tries,
+        )
+
 
 class Room:
     """Look at the file systems on which an installation writes.
@@ -85,6 +97,10 @@ class Room:
     def spaces(self) -> list[Space]:
         """Return how each file system stands; one that is not there yet is left out."""
         return list(self._by_device().values())
+
+    def scarcest(self) -> Space | None:
+        """Return the file system with the least room above its reserve, or None where none is looked at."""
+        return min(self.spaces(), key=lambda space: space.free_bytes - space.reserve_bytes, default=None)
 
     def is_used_up(self) -> bool:
         """Return whether some disk has no room for a next write, reserve or not."""

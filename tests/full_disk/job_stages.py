@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import hashlib
 import os
+import random
 from collections.abc import Callable, Iterator
 from pathlib import Path
 
@@ -14,8 +15,9 @@ import psutil
 import pytest
 from sqlalchemy import select
 
+from service.db.jobs import retry
 from service.db.models import Blob, Job
-from service.domain.lifecycle import JobState
+from service.domain.lifecycle import MOST_FULL_TRIES, JobState
 from tests.full_disk.small_disk import (
     PATIENCE_S,
     RESERVE_BYTES,
@@ -52,8 +54,11 @@ EVERYWHERE = (
 """Where every job comes by: claimed, handed over, begun, at its first stage, and when it keeps its files."""
 
 _STAGE = "message-progress.before-send"
+_BEFORE_IT_BEGAN = ("claim-job.before-commit", "claim-job.after-commit")
 ENDING = ("message-done.before-send", "message-ended.before-send")
-_PROGRESSES = {"build-revision": 7, "read-drawing": 2, "read-scan": 3}
+_PROGRESSES = {"build-revision": 6, "read-drawing": 2, "read-scan": 3}
+"""How many messages of progress each kind surely sends: one for each stage, more only where it takes long."""
+
 STAGES = [
     *((kind, point, 1) for kind in RECORDS for point in EVERYWHERE),
     *(
@@ -76,6 +81,12 @@ SOME = [
     ("place-scan", "record-placement.before-commit", 1),
     ("make-delta", "message-progress.before-send", 1),
 ]
+
+
+_TOO_MUCH_BYTES = 8 << 20
+"""What no compression makes smaller, of a disk of 64 MiB."""
+
+_ROOM_BYTES = 3 << 20
 
 
 class Story:
@@ -123,6 +134,13 @@ class Story:
         }
         return made[kind]()
 
+    def halt_delta(self, old: bytes, new: bytes) -> tuple[str, psutil.Process]:
+        """Return the job of a delta between two files, and the process that is about to claim it."""
+        order_halt(self.bench.data_dir, "claim-job.before-commit")
+        self.given |= {hashlib.sha256(content).hexdigest() for content in (old, new)}
+        job_id = self.bench.add_delta(old=old, new=new)
+        return job_id, self._wait_halted(job_id)
+
     def _add_delta(self, old: bytes, more: bytes) -> str:
         self.given |= {hashlib.sha256(content).hexdigest() for content in (old, old + more)}
         return self.bench.add_delta(old=old, new=old + more)
@@ -132,17 +150,24 @@ class Story:
         with self.bench.kernel.db.reading() as session:
             return len(session.scalars(select(Job.id).where(Job.kind == "build-revision")).all())
 
-    def halt(self, kind: str, point: str, nth: int) -> tuple[str, object]:
+    def halt(self, kind: str, point: str, nth: int) -> tuple[str, psutil.Process]:
         """Return a new job and the process that has come to the point for it."""
         if kind == "compare-revisions":
             self._compared = self._new_revision()
         order_halt(self.bench.data_dir, point)
         job_id = self.add(kind, f"{point} {nth}")
         for _ in range(nth - 1):
-            process = wait_halted(self.worker.pid, self.bench.data_dir)
+            process = self._wait_halted(job_id)
             order_halt(self.bench.data_dir, point)
             let_go(process)
-        return job_id, wait_halted(self.worker.pid, self.bench.data_dir)
+        return job_id, self._wait_halted(job_id)
+
+    def _wait_halted(self, job_id: str) -> psutil.Process:
+        def is_over() -> bool:
+            is_ordered = (self.bench.data_dir / "crash-at").exists()
+            return is_ordered and JobState(self.bench.job(job_id).state).is_final
+
+        return wait_halted(self.worker.pid, self.bench.data_dir, is_over=is_over)
 
 
 @pytest.fixture(scope="module")
@@ -187,7 +212,33 @@ def test_a_job_says_that_the_disk_is_full_and_ends_well(
     job = story.bench.wait_final(job_id, patience_s=PATIENCE_S)
     print(f"{kind:18} {point:38} {nth} {seen.state:9} -> {job.state} at try {job.attempt}")  # noqa: T201
     assert (job.state, job.problem, job.attempt) == (JobState.SUCCEEDED, None, 1)
+    filled = seen.state == JobState.QUEUED and point not in _BEFORE_IT_BEGAN
+    assert job.full_tries == (1 if filled else 0), "tries are told apart by whether they began with room"
     assert story.worker.poll() is None, "no worker ends for want of room"
+    assert_nothing_is_left(story.bench, given=story.given)
+
+
+def test_a_job_that_does_not_fit_comes_to_an_end(story: Story) -> None:
+    """There is room above the reserve, and never enough for what it writes."""
+    content = random.Random(7).randbytes(_TOO_MUCH_BYTES)
+    job_id, halted = story.halt_delta(content[:1000], content)
+    story.disk.fill(leave_bytes=RESERVE_BYTES + _ROOM_BYTES)
+    free_bytes = story.disk.free_bytes
+    let_go(halted)
+    job = story.bench.wait_final(job_id, patience_s=PATIENCE_S)
+    assert (job.state, job.attempt, job.full_tries) == (JobState.FAILED, 1, MOST_FULL_TRIES)
+    assert job.problem is not None
+    told = {name: job.problem[name] for name in ("slug", "tries", "reserve_bytes")}
+    assert told == {"slug": "storage-full", "tries": MOST_FULL_TRIES, "reserve_bytes": RESERVE_BYTES}
+    assert RESERVE_BYTES <= job.problem["free_bytes"] <= free_bytes
+    assert str(job.problem["free_bytes"]) in job.problem["detail"]
+    print(f"make-delta that does not fit: {job.state} after {job.full_tries}: {job.problem['detail']}")  # noqa: T201
+    story.done(story.add("read-scan", ""))
+    story.disk.make_room()
+    with story.bench.kernel.db.writing("retry-job") as session:
+        retry(session, job_id, now=story.bench.kernel.now())
+    story.done(job_id)
+    assert story.bench.job(job_id).full_tries == 0
     assert_nothing_is_left(story.bench, given=story.given)
 
 

@@ -71,10 +71,13 @@ def order_halt(data_dir: Path, point: str) -> None:
     order.with_suffix(".new").replace(order)
 
 
-def wait_halted(root_pid: int, data_dir: Path) -> psutil.Process:
-    """Return the process, `root_pid` or one of those that it started, that has stopped at its point."""
+def wait_halted(root_pid: int, data_dir: Path, *, is_over: Callable[[], bool]) -> psutil.Process:
+    """Return the process, `root_pid` or one of those that it started, that has stopped at its point.
+
+    Fail when the work `is_over`: then nobody will come by any more.
+    """
     until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until:
+    while time.monotonic() < until and not is_over():
         if not (data_dir / "crash-at").exists():
             root = psutil.Process(root_pid)
             for process in [root, *root.children(recursive=True)]:

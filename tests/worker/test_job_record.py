@@ -13,8 +13,9 @@ from service.db import jobs, waiting
 from service.db.delivery import redeliver_lost
 from service.db.jobs import Attempt, LeaseLost
 from service.db.models import Job, Revision
-from service.domain.errors import JobNotCancellable, JobNotRetryable
-from service.domain.lifecycle import MAX_ATTEMPTS, JobState
+from service.domain.errors import JobNotCancellable, JobNotRetryable, StorageFull
+from service.domain.lifecycle import MAX_ATTEMPTS, MOST_FULL_TRIES, JobState
+from service.storage.room import Space
 from tests.worker.workbench import Workbench, a_small_drawing
 
 PROBLEM: dict[str, Any] = {"slug": "file-truncated", "title": "The file is cut short", "detail": "It ends."}
@@ -83,7 +84,8 @@ def test_a_job_that_expired_is_taken_over_and_its_first_attempt_can_do_nothing_m
         lambda s: jobs.finish_failed(s, lost, problem=PROBLEM, now=now()),
         lambda s: jobs.finish_cancelled(s, lost, now=now()),
         lambda s: jobs.try_again(s, lost, problem=PROBLEM, now=now()),
-        lambda s: waiting.release(s, lost, now=now()),
+        lambda s: waiting.give_back(s, lost, now=now()),
+        lambda s: waiting.wait_for_room(s, lost, problem=PROBLEM, last=PROBLEM, wait_s=0.0, now=now()),
     ]
     for act in late:
         with pytest.raises(LeaseLost), bench.kernel.db.writing("end-job") as session:
@@ -136,12 +138,44 @@ def test_a_worker_lost_three_times_ends_the_job(bench: Workbench, job_id: str) -
     assert (job.problem["slug"], job.problem["attempts"]) == ("job-crashed", 3)
 
 
-def test_a_release_does_not_count_as_a_try(bench: Workbench, job_id: str) -> None:
-    for _ in range(2 * MAX_ATTEMPTS):
+@pytest.mark.parametrize("problem", [None, PROBLEM], ids=["stopped", "without room from the start"])
+def test_what_is_given_back_does_not_count_as_a_try(
+    bench: Workbench, job_id: str, problem: dict[str, Any] | None
+) -> None:
+    for _ in range(2 * max(MAX_ATTEMPTS, MOST_FULL_TRIES)):
         attempt = claimed(bench)
-        write(bench, lambda s, now: waiting.release(s, attempt, now=now))  # noqa: B023
-    assert bench.job(job_id).attempt == 0
+        write(bench, lambda s, now: waiting.give_back(s, attempt, problem=problem, now=now))  # noqa: B023
+        assert bench.job(job_id).problem == problem
+    job = bench.job(job_id)
+    assert (job.attempt, job.full_tries) == (0, 0)
     assert claimed(bench).attempt == 1
+
+
+def test_a_job_that_fills_the_disk_waits_a_few_times_and_then_fails(bench: Workbench, job_id: str) -> None:
+    full = StorageFull("It is full.").problem()
+    last = Space("data", 5, 3).did_not_do(MOST_FULL_TRIES).problem()
+    again: Any = {"problem": full, "last": last}
+
+    def fill(*, wait_s: float = 0.0) -> bool:
+        attempt = claimed(bench)
+        assert attempt.attempt == 1, "such tries are no attempts"
+        told = again | {"wait_s": wait_s}
+        waits: bool = write(bench, lambda s, now: waiting.wait_for_room(s, attempt, **told, now=now))
+        return waits
+
+    for tries in range(1, MOST_FULL_TRIES):
+        assert fill()
+        job = bench.job(job_id)
+        assert (job.state, job.problem, job.full_tries) == (JobState.QUEUED, full, tries)
+    assert not fill(wait_s=60.0)
+    job = bench.job(job_id)
+    assert (job.state, job.problem) == (JobState.FAILED, last)
+    assert (last["slug"], last["tries"], last["free_bytes"]) == ("storage-full", MOST_FULL_TRIES, 5)
+    assert claim(bench) is None
+    write(bench, lambda s, now: jobs.retry(s, job_id, now=now))
+    assert fill(wait_s=60.0), "who has made room gets all tries anew"
+    assert bench.job(job_id).full_tries == 1
+    assert claim(bench) is None, "it waits"
 
 
 def test_cancel_ends_what_waits_marks_what_runs_and_refuses_what_has_ended(
