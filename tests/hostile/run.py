@@ -8,8 +8,6 @@ other sources, another database or other right files said counts no more.
 from __future__ import annotations
 
 import argparse
-import hashlib
-import json
 import secrets
 import shutil
 import sys
@@ -27,6 +25,7 @@ from tests.hostile.known import READING
 from tests.hostile.known_drawings import KNOWN_DRAWINGS
 from tests.hostile.known_scans import KNOWN_SCANS
 from tests.hostile.plant import Plant, Upload, working
+from tests.ledger import Ledger, digest_of
 from tests.postgres import running_server
 
 _ROOT = Path(__file__).resolve().parents[2]
@@ -56,46 +55,6 @@ class Case:
 
 
 KNOWN = KNOWN_DRAWINGS | KNOWN_SCANS
-
-
-def digest_of(*roots: Path, word: str) -> str:
-    """Return what names a word and the files (with their contents) at and under some paths."""
-    digest = hashlib.sha256(word.encode())
-    for root in roots:
-        files = (path for path in (root, *root.rglob("*")) if path.is_file())
-        for path in sorted(path for path in files if "__pycache__" not in path.parts):
-            for part in (path.relative_to(root).as_posix().encode(), path.read_bytes()):
-                digest.update(len(part).to_bytes(8, "big") + part)
-    return digest.hexdigest()[:16]
-
-
-class Ledger:
-    """Keep how each case ended, a line of JSON each.
-
-    Parameters
-    ----------
-    path : Path
-        The file; it may hold lines of many runs.
-    of : str
-        What the endings depend on beside the case (`digest_of`): lines of another are not looked at.
-    """
-
-    def __init__(self, path: Path, *, of: str) -> None:
-        self._path, self._of = path, of
-        self.ended: dict[Case, dict[str, Any]] = {}
-        path.parent.mkdir(parents=True, exist_ok=True)
-        if path.exists():
-            for line in path.read_text(encoding="utf-8").splitlines():
-                said = json.loads(line)
-                if said.pop("of", None) != of:
-                    continue
-                self.ended[Case(said.pop("kind"), said.pop("damage"), said.pop("seed"))] = said
-
-    def write(self, what: Case, said: dict[str, Any]) -> None:
-        """Keep how a case ended."""
-        self.ended[what] = said
-        with self._path.open("a", encoding="utf-8") as ledger:
-            ledger.write(json.dumps({"of": self._of} | asdict(what) | said) + "\n")
 
 
 @dataclass
@@ -201,7 +160,7 @@ def main() -> int:
     of = digest_of(
         *(_ROOT / name for name in _SOURCES), *filter(None, [asked.more]), word=str(asked.postgres)
     )
-    ledger, cases = Ledger(asked.ledger, of=of), _cases(asked)
+    ledger, cases = Ledger(asked.ledger, Case, of=of), _cases(asked)
     end = time.monotonic() + 60.0 * asked.minutes
     folder = Path(tempfile.mkdtemp(prefix="groundplan-hostile-"))
     todo = _until((what for what in cases if what not in ledger.ended), end)
@@ -218,7 +177,7 @@ def main() -> int:
     return int(any(said["faults"] for said in seen.values()))
 
 
-def _push(settings: Settings, cases: Iterator[Case], ledger: Ledger) -> None:
+def _push(settings: Settings, cases: Iterator[Case], ledger: Ledger[Case]) -> None:
     with working(settings) as plant:
         for what, said in push_all(plant, cases):
             ledger.write(what, said)

@@ -12,7 +12,8 @@ from tests.hostile.damage import DAMAGES, FORMATS, case, damaged
 from tests.hostile.known_drawings import KNOWN_DRAWINGS
 from tests.hostile.known_scans import KNOWN_SCANS
 from tests.hostile.plant import Plant, working
-from tests.hostile.run import Case, Ledger, digest_of
+from tests.hostile.run import Case
+from tests.ledger import Ledger, digest_of
 
 KNOWN = KNOWN_DRAWINGS | KNOWN_SCANS
 SEEDS = range(0, len(FORMATS) * len(DAMAGES), 17)  # each damage, and a third of the kinds
@@ -49,8 +50,8 @@ def test_a_ledger_forgets_what_other_sources_said(tmp_path: Path) -> None:
     lock = tmp_path / "uv.lock"
     lock.write_text("1")
 
-    def ledger(word: str = "sqlite") -> Ledger:
-        return Ledger(tmp_path / "ledger.jsonl", of=digest_of(sources, lock, word=word))
+    def ledger(word: str = "sqlite") -> Ledger[Case]:
+        return Ledger(tmp_path / "ledger.jsonl", Case, of=digest_of(sources, lock, word=word))
 
     case_, said = Case("png", "cut", 7), {"end": "reading", "faults": []}
     ledger().write(case_, said)
