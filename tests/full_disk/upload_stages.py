@@ -125,7 +125,9 @@ def _sent_meanwhile(
     answers: list[httpx.Response] = []
     thread = threading.Thread(target=lambda: answers.append(send()))
     thread.start()
-    halted: psutil.Process = wait_halted(story.server.process.pid, story.settings.data_dir)
+    halted: psutil.Process = wait_halted(
+        story.server.process.pid, story.settings.data_dir, is_over=lambda: not thread.is_alive()
+    )
     at_halt()
     let_go(halted)
     thread.join(120)
