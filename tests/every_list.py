@@ -6,6 +6,7 @@ import json
 import re
 from collections.abc import Iterator
 from dataclasses import dataclass, field
+from functools import cached_property
 from typing import Any
 
 import httpx
@@ -14,6 +15,7 @@ import pytest
 from service.domain.plain import plain
 
 _PARAMETER = re.compile(r"\{(\w+)\}$")
+_ORIGIN = "(what a list told of it)"
 
 Found = dict[str, Any]
 
@@ -34,6 +36,7 @@ class Look:
     is_plain: bool = True
     asked: dict[str, int] = field(default_factory=dict)
     items: dict[str, list[tuple[Found, Found]]] = field(default_factory=dict)
+    seen: dict[str, Found | None] = field(default_factory=dict)
 
     def everywhere(self) -> dict[str, int]:
         """Return how often each route that gives JSON was asked; each list and each thing answered 200.
@@ -41,15 +44,31 @@ class Look:
         A route that gives neither (a comparison, a gate) may refuse, as the list of files of a revision that
         is not ready does; it must not fail. What comes is strict JSON of plain text.
         """
-        document = self.client.get("/openapi.json").json()
+        return self._look(again=True)
+
+    def news(self) -> dict[str, int]:
+        """Return as `everywhere`, but ask again only for what belongs to things that are told otherwise."""
+        return self._look(again=False)
+
+    @cached_property
+    def document(self) -> Found:
+        """Return the service's description of itself."""
+        document: Found = self.client.get("/openapi.json").json()
+        return document
+
+    def _look(self, *, again: bool) -> dict[str, int]:
+        document = self.document
         routes = {path: ops["get"] for path, ops in document["paths"].items() if _gives_json(ops.get("get"))}
+        self.items.clear()
         for path in sorted(routes, key=lambda path: (path.count("{"), path)):
             bindings, is_list = self.bindings(path), _is_list(routes[path], document)
             self.asked[path] = len(bindings)
             for bound in bindings:
-                for told in self._pages(
-                    path.format(**bound), routes[path], is_thing=is_list or path[-1] == "}"
-                ):
+                place, origin = path.format(**bound), bound.get(_ORIGIN)
+                if origin is not None and not again and self.seen.get(place) == origin:
+                    continue
+                self.seen[place] = origin
+                for told in self._pages(place, routes[path], is_thing=is_list or path[-1] == "}"):
                     listed = told.get("items", []) if is_list else []
                     self.items.setdefault(path.rpartition("/")[2], []).extend((bound, one) for one in listed)
         return self.asked
@@ -85,10 +104,10 @@ def _bound(bound: Found, parameter: str, listed: list[tuple[Found, Found]]) -> I
     for context, item in listed:
         told = {**item, **context}
         value = item[parameter] if parameter in item else item["id"]
-        fits = all(told.get(name, given) == given for name, given in bound.items())
+        fits = all(told.get(name, given) == given for name, given in bound.items() if name != _ORIGIN)
         if fits and value not in seen:
             seen.add(value)
-            yield {**bound, parameter: value}
+            yield {**bound, parameter: value, _ORIGIN: told}
 
 
 def _gives_json(operation: Found | None) -> bool:

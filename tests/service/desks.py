@@ -17,7 +17,7 @@ import pytest
 from pydantic import SecretStr
 
 from service.settings import Settings
-from tests.every_list import look_everywhere
+from tests.every_list import Look
 from tests.postgres import PostgresServer
 from tests.server import ROOT, Server, environment, running
 from tests.service.asking import a_map, ok
@@ -28,24 +28,25 @@ LOOPBACK = {"GROUNDPLAN_WEBHOOK_NETWORKS": "127.0.0.0/8"}
 
 @dataclass(frozen=True)
 class Desk:
-    """Hold a service with a worker, and a map to upload to."""
+    """Hold a service with a worker, a map to upload to, and what was seen of it so far."""
 
     server: Server
     client: httpx.Client
     map_id: str
+    look: Look
 
     def sent(self, purpose: str, name: str, content: bytes) -> httpx.Response:
         """Return the answer to an upload, `drawings` or `scans`."""
         return self.client.post(f"/v1/maps/{self.map_id}/{purpose}", files={"file": (name, content)})
 
     def ended(self, job: dict[str, Any]) -> dict[str, Any]:
-        """Return a job once it has ended, after a look at every list and every thing."""
+        """Return a job once it has ended, after a look at every list and all that is new."""
         until = time.monotonic() + PATIENCE_S
         while job["state"] not in {"succeeded", "failed"}:
             assert time.monotonic() < until, job
             time.sleep(0.05)
             job = ok(self.client.get(f"/v1/jobs/{job['id']}"))
-        look_everywhere(self.client)
+        self.look.news()
         return job
 
     def told(self, purpose: str, name: str, content: bytes) -> dict[str, Any]:
@@ -73,10 +74,12 @@ def served(request: pytest.FixtureRequest, folder: Path) -> Iterator[Server]:
 
 @contextmanager
 def at_desk(request: pytest.FixtureRequest, folder: Path) -> Iterator[Desk]:
-    """Give a desk, with a real worker."""
+    """Give a desk, with a real worker; in the end every list and every thing of it still answers."""
     with served(request, folder) as server, working(server):
         client = server.client(server.admin_key)
-        yield Desk(server, client, a_map(client))
+        desk = Desk(server, client, a_map(client), Look(client))
+        yield desk
+        desk.look.everywhere()
 
 
 @contextmanager

@@ -17,7 +17,6 @@ import pytest
 
 from service.domain.plain import plain
 from tests import files, poison
-from tests.every_list import look_everywhere
 from tests.service.asking import ok
 from tests.service.desks import PATIENCE_S, Desk
 
@@ -33,7 +32,7 @@ def _judged(desk: Desk, purpose: str, name: str, content: bytes) -> dict[str, An
     sent = desk.sent(purpose, name, content)
     if sent.status_code != 202:
         assert 400 <= sent.status_code < 500, sent.text
-        look_everywhere(desk.client)
+        desk.look.news()
         return None
     job = desk.ended(sent.json()["job"])
     if job["state"] == "failed":
@@ -72,7 +71,7 @@ def test_no_file_name_of_a_form_poisons_a_list(desk: Desk, name: bytes) -> None:
         headers={"Content-Type": "multipart/form-data; boundary=b"},
     )
     assert answer.status_code in {202, 422}, answer.text
-    look_everywhere(desk.client)
+    desk.look.news()
 
 
 @pytest.mark.parametrize(
@@ -89,7 +88,7 @@ def test_no_metadata_of_an_upload_in_pieces_poisons_a_list(desk: Desk, name: byt
         piece = TUS | {"Upload-Offset": "0", "Content-Type": "application/offset+octet-stream"}
         assert desk.client.head(begun.headers["location"], headers=TUS).status_code == 200
         assert desk.client.patch(begun.headers["location"], headers=piece, content=content).status_code == 204
-    look_everywhere(desk.client)
+    desk.look.news()
 
 
 ANSWERS = {
@@ -130,5 +129,5 @@ def test_no_answer_to_a_webhook_poisons_a_list(desk: Desk, case: str) -> None:
                 break
             assert time.monotonic() < until, found
             time.sleep(0.1)
-        look_everywhere(desk.client)
+        desk.look.news()
         assert desk.client.delete(f"/v1/webhooks/{hook['id']}").status_code == 204
