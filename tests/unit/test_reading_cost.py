@@ -28,6 +28,10 @@ def las(points: int, *, minor: int = 2) -> bytes:
     return bytes(head)
 
 
+def zipped(name: str) -> bytes:
+    return b"PK\x03\x04" + bytes(22) + struct.pack("<HH", len(name), 0) + name.encode()
+
+
 @pytest.mark.parametrize(
     ("content", "size", "points"),
     [
@@ -39,6 +43,14 @@ def las(points: int, *, minor: int = 2) -> bytes:
         (b"1 2 3\n4 5 6\n7 8 9\n" * 100, 30_000_000, 5_000_000),
         (b"v 1 2 3\n", 80_000_000, 10_000_000),
         (b"v 1 2 3\n", 2_000_000_000, BOUNDS.max_points),
+        (b"ply\rformat ascii 1.0\r", 30_000_000, 10_000_000),
+        (b"# .PCD v0.7\nDATA binary_compressed\n", 9_000_000, 9_000_000),
+        (las(0)[:100], 9_000_000, 9_000_000),
+        (bytes(80) + (100).to_bytes(4, "little") + bytes(5_000), 36_000_000, 3_000_000),
+        (b"ASTM-E57" + bytes(60), 6_000_000, 3_000_000),
+        (b"glTF" + bytes(60), 6_000_000, 3_000_000),
+        (b"PXR-USDC" + bytes(60), 6_000_000, 3_000_000),
+        (zipped("room.usdc"), 6_000_000, 3_000_000),
     ],
 )
 def test_a_scan_promises_what_its_header_tells_or_its_size_can_hold(
@@ -51,6 +63,9 @@ def test_a_sheet_promises_its_pixels() -> None:
     assert promise_of(files.white_png(9000, 8000)) == Promise(pixels=72_000_000)
     assert promise_of(b"II*\0" + bytes(60), 1000) == Promise(pixels=256_000)
     assert promise_of(b"II*\0" + bytes(60), 90_000_000) == Promise(pixels=BOUNDS.max_pixels)
+    assert promise_of(b"BM" + bytes(60), 1_000_000) == Promise(pixels=8_000_000)
+    assert promise_of(b"P5\n3000 3000\n255\n" + bytes(60), 9_000_000) == Promise(pixels=9_000_000)
+    assert promise_of(zipped("map.yaml"), 1000) == Promise(pixels=256_000)
 
 
 def test_a_cad_file_promises_its_bytes() -> None:
