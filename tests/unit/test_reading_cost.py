@@ -6,7 +6,7 @@ from dataclasses import replace
 import pytest
 
 from service.domain.bounds import Bounds
-from service.domain.job_limits import JOB_MEMORY_BYTES, JobLimits, Limit, Usage
+from service.domain.job_limits import JOB_MEMORY_BYTES, JobLimits, Limit, Limits, Usage
 from service.domain.media import HEAD_BYTES
 from service.domain.reading_cost import Promise, ReadingLimits
 from service.settings import Settings
@@ -157,6 +157,17 @@ def test_so_does_that_of_a_job_which_reads_no_file(limit: Limit, slug: str, told
 )
 def test_a_limit_is_passed_by_more_than_it(used: Usage, limit: Limit | None) -> None:
     assert JOB.passed(used) == limit
+
+
+def test_numbers_for_machines_are_told_to_a_tenth() -> None:
+    told = Limits(memory_bytes=GIB, cpu_s=80.26, wall_s=1700.26).members("cpu", Usage(5, 81.26, 1700.44))
+    assert (told["cpu_limit_s"], told["wall_limit_s"]) == (80.3, 1700.3)
+    assert (told["memory_used_bytes"], told["cpu_used_s"], told["wall_used_s"]) == (5, 81.3, 1700.4)
+    assert Usage() == Usage(memory_bytes=0, cpu_s=0.0, wall_s=0.0)
+
+
+def test_a_promise_is_told_in_millions() -> None:
+    assert Promise(pixels=72_000_000, cad_bytes=2_500_000).words() == "72 Mpx and 2.5 MB of drawing"
 
 
 def test_no_reading_may_take_more_than_any_job() -> None:
