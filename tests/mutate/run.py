@@ -20,7 +20,8 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -69,12 +70,16 @@ class Copy:
     module: str
     tests: list[str]
 
-    def passes(self, source: str, *, within_s: float | None = None) -> bool:
-        """Return whether the tests pass, in time, with another source of the module."""
+    def become(self, source: str) -> None:
+        """Give the module another source."""
         path = self.root / self.module
         path.write_text(source, encoding="utf-8")
         # Python looks at whole seconds and the size to tell whether compiled code is of another source.
         Path(importlib.util.cache_from_source(str(path))).unlink(missing_ok=True)
+
+    def passes(self, source: str, *, within_s: float | None = None) -> bool:
+        """Return whether the tests pass, in time, with another source of the module."""
+        self.become(source)
         command = [sys.executable, "-m", "pytest", "-qx", "-p", "pytest_timeout", "-p", "no:cacheprovider"]
         with tempfile.TemporaryDirectory(prefix="numba-", dir=self.root.parent) as compiled:
             # numba may have frozen a number of this module into what it compiled of another. Of plugins, that
@@ -98,24 +103,39 @@ def run(
     root: Path, module: str, changes: Iterable[Change], ledger: Ledger[Change], *,
     tests: list[str], until: float = float("inf"),
 ) -> None:  # fmt: skip
-    """Write into the ledger whether the tests notice each change; what it holds is not run again."""
+    """Write into the ledger whether the tests notice each change; what it holds is not run again.
+
+    The tree at `root` is changed while it runs.
+    """
     todo = [change for change in changes if change not in ledger.ended]
-    if not todo:
+    if not todo or time.monotonic() > until:
         return
-    source = (root / module).read_text(encoding="utf-8")
-    with tempfile.TemporaryDirectory(prefix="groundplan-mutate-") as folder:
-        copy = Copy(Path(folder) / "tree", module, tests)
-        shutil.copytree(root, copy.root, ignore=_NOT_COPIED)
-        began = time.monotonic()
-        if not copy.passes(source):
-            sys.exit(f"{' '.join(tests)}: not all pass with {module} as it is: they tell nothing of changes.")
-        within = 60.0 + 10.0 * (time.monotonic() - began)
+    source, began = (root / module).read_text(encoding="utf-8"), time.monotonic()
+    copy = Copy(root, module, tests)
+    if not copy.passes(source):
+        sys.exit(f"{' '.join(tests)}: not all pass with {module} as it is: they tell nothing of changes.")
+    within = 60.0 + 10.0 * (time.monotonic() - began)
+    try:
         if copy.passes("raise RuntimeError\n"):
             sys.exit(f"{' '.join(tests)}: none loads {module}; name some that do with --tests.")
         for change in todo:
             if time.monotonic() > until:
                 return
             ledger.write(change, {"survived": copy.passes(changed(source, change), within_s=within)})
+    finally:
+        copy.become(source)
+
+
+def drawn(changes: list[Change], count: int, *, seed: int) -> list[Change]:
+    """Return so many of the changes, the same for the same seed."""
+    return sorted(random.Random(seed).sample(changes, min(count, len(changes))))
+
+
+@contextmanager
+def copied(root: Path) -> Iterator[Path]:
+    """Give a copy of a tree's sources."""
+    with tempfile.TemporaryDirectory(prefix="groundplan-mutate-") as folder:
+        yield Path(shutil.copytree(root, Path(folder) / "tree", ignore=_NOT_COPIED))
 
 
 def table(root: Path, changes: list[Change], ledger: Ledger[Change]) -> str:
@@ -158,17 +178,18 @@ def main() -> int:
     if asked.anew:
         asked.ledger.unlink(missing_ok=True)
     until = time.monotonic() + 60.0 * asked.minutes
-    changes = [c for module in asked.modules for c in changes_of((_ROOT / module).read_text(), module)]
-    if asked.draw is not None:
-        seed = secrets.randbelow(1 << 32) if asked.seed is None else asked.seed
-        print("seed:", seed, flush=True)
-        changes = sorted(random.Random(seed).sample(changes, min(asked.draw, len(changes))))
-    word = " ".join(asked.tests or ["tests/unit"])
-    ledger = Ledger(asked.ledger, Change, of=digest_of(*(_ROOT / name for name in _SOURCES), word=word))
-    for module in asked.modules:
-        tests = asked.tests or unit_tests_of(_ROOT, module)
-        run(_ROOT, module, [c for c in changes if c.module == module], ledger, tests=tests, until=until)
-    print(table(_ROOT, changes, ledger))
+    with copied(_ROOT) as tree:
+        changes = [c for module in asked.modules for c in changes_of((tree / module).read_text(), module)]
+        if asked.draw is not None:
+            seed = secrets.randbelow(1 << 32) if asked.seed is None else asked.seed
+            print("seed:", seed, flush=True)
+            changes = drawn(changes, asked.draw, seed=seed)
+        word = " ".join(asked.tests or ["tests/unit"])
+        ledger = Ledger(asked.ledger, Change, of=digest_of(*(tree / name for name in _SOURCES), word=word))
+        for module in asked.modules:
+            tests = asked.tests or unit_tests_of(tree, module)
+            run(tree, module, [c for c in changes if c.module == module], ledger, tests=tests, until=until)
+        print(table(tree, changes, ledger))
     return 0
 
 

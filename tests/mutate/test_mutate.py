@@ -2,13 +2,17 @@
 
 from __future__ import annotations
 
+import subprocess
+import sys
 from pathlib import Path
 
 import pytest
 
 from tests.ledger import Ledger, digest_of
 from tests.mutate.changes import Change, changed, changes_of
-from tests.mutate.run import run, table, unit_tests_of
+from tests.mutate.run import drawn, run, table, unit_tests_of
+
+ROOT = Path(__file__).resolve().parents[2]
 
 LIMITS = '''\
 """Ten is named here, as 10.5, and changed nowhere."""
@@ -96,6 +100,26 @@ def test_tests_that_can_tell_nothing_are_refused(tmp_path: Path, test: str, told
     with pytest.raises(SystemExit, match=told):
         run(tree, "limits.py", changes_of(LIMITS, "limits.py"), ledger, tests=["test_limits.py"])
     assert ledger.ended == {}
+
+
+def test_a_seed_draws_the_same_changes() -> None:
+    changes = changes_of("\n".join(f"a{k} = {k}.5" for k in range(100)), "a.py")
+    assert drawn(changes, 20, seed=7) == drawn(changes, 20, seed=7) != drawn(changes, 20, seed=8)
+    assert len(set(drawn(changes, 20, seed=7))) == 20
+    assert drawn(changes, 1000, seed=7) == changes
+
+
+def test_a_run_that_was_ended_tells_what_it_left(tmp_path: Path) -> None:
+    command = [
+        sys.executable, "-m", "tests.mutate.run", "service/domain/reading_cost.py", "--draw", "5",
+        "--seed", "7", "--minutes", "0", "--ledger", str(tmp_path / "ledger.jsonl"),
+    ]  # fmt: skip
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=True)
+    assert done.stdout.splitlines() == [
+        "seed: 7",
+        f"{'module':48}    x0.8  survive   x1.25  survive  not run",
+        f"{'service/domain/reading_cost.py':48}       0        0       0        0        5",
+    ]
 
 
 def test_the_tests_of_a_module_are_those_that_import_it(tmp_path: Path) -> None:
