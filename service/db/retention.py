@@ -30,7 +30,8 @@ def prunable(session: Session, map_id: str, *, keep: int) -> Sequence[Revision]:
     """Return the ready revisions whose files nothing needs: older than the newest `keep`, and not in use.
 
     In use is what a channel points to or would roll back to, what a robot runs or told of last, what a scan
-    is being placed on, what a roll-out brings or would take back, and what a waiting job is about.
+    is being placed on, what a roll-out brings or would take back, and what a waiting job is about: a build,
+    an export, a comparison or a delta.
     """
     ready = (
         Revision.map_id == map_id,
@@ -66,6 +67,20 @@ def _uses(map_id: str) -> list[ColumnElement[bool]]:
         Revision.n.in_(placing),
         Revision.n.in_(under_way(map_id)),
         exists(select(Job.id).where(Job.subject_id == Revision.id, Job.state.in_(_LIVING))),
+        *_worked_on(),
+    ]
+
+
+def _worked_on() -> list[ColumnElement[bool]]:
+    """Return what of a revision's files a waiting job reads: for an export, a comparison, a delta."""
+    of_export = select(Export.id).where(Export.revision_id == Revision.id)
+    sides = or_(Comparison.from_revision_id == Revision.id, Comparison.to_revision_id == Revision.id)
+    of_comparison = select(Comparison.id).where(sides)
+    ends = or_(Delta.from_sha256 == Artifact.sha256, Delta.to_sha256 == Artifact.sha256)
+    of_delta = select(Delta.id).join(Artifact, ends).where(Artifact.revision_id == Revision.id)
+    return [
+        exists(query.join(Job, Job.id == table.job_id).where(Job.state.in_(_LIVING)))
+        for query, table in ((of_export, Export), (of_comparison, Comparison), (of_delta, Delta))
     ]
 
 

@@ -139,6 +139,18 @@ def test_room_is_asked_for_on_the_disk_where_the_bytes_go(tmp_path: Path) -> Non
         assert [space.name for space in here.spaces()] == ["data", "blobs"]
 
 
+def test_the_scarcest_disk_is_the_one_with_the_least_above_its_reserve(tmp_path: Path) -> None:
+    assert Room({}).scarcest() is None
+    with a_disk_of_its_own() as other:
+        folders = {"data": tmp_path, "blobs": other}
+        free = {name: shutil.disk_usage(folder).free for name, folder in folders.items()}
+        found = Room(folders, reserve_bytes=1 << 60).scarcest()
+        assert found is not None
+        assert (found.name, found.is_full) == (min(free, key=lambda name: free[name]), True)
+        told = found.did_not_do(5)
+        assert (told.members["free_bytes"], told.members["tries"]) == (found.free_bytes, 5)
+
+
 def test_every_folder_that_takes_files_is_looked_at(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
     told = {"data": tmp_path, "uploads": tmp_path / "uploads", "blobs": tmp_path / "blobs"}

@@ -14,6 +14,7 @@ from service.usecases.rebuild import record_rebuild
 from tests.server import Server, running, start
 from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import PICTURE, ByHand
+from tests.service.halls import make_delta
 
 
 def a_cloud(client: httpx.Client, by_hand: ByHand, map_id: str, content: bytes) -> int:
@@ -83,6 +84,36 @@ def _story(server: Server) -> None:
     actions = [e["action"] for e in ok(admin.get("/v1/audit", params={"map": map_id}))["items"]]
     assert actions.count("prune-revision") == 3
     assert actions.count("rebuild-revision") == 1
+
+
+def _waiting_jobs(server: Server, folder: Path) -> None:
+    """Whatever a waiting job reads stays until it has ended, and every such job ends well."""
+    admin, by_hand = server.client(server.admin_key), ByHand(server.kernel)
+    map_id = a_map(admin)
+    for k in range(7):
+        a_cloud(admin, by_hand, map_id, b"cloud %d of %s" % (k, map_id.encode()))
+    where = f"/v1/maps/{map_id}/revisions"
+    asked = [
+        refused(admin.get(f"{where}/2/delta?from=1"), 503, "delta-not-ready")["job_id"],
+        ok(admin.get(f"{where}/4/compare?with=3"), 202)["job"]["id"],
+        ok(admin.post(f"{where}/5/exports", json={"format": "ply"}), 202)["job"]["id"],
+    ]
+    assert prune_revisions(server.kernel, keep=1) == 1
+    assert kept(admin, map_id) == [1, 2, 3, 4, 5, 7]
+    make_delta(by_hand, asked[0], folder)
+    for job_id in asked[1:]:
+        ok(admin.post(f"/v1/jobs/{job_id}/cancel"), 202)
+    assert prune_revisions(server.kernel, keep=1) == 5
+    assert kept(admin, map_id) == [7]
+
+
+def test_what_a_waiting_job_reads_stays(server: Server, tmp_path: Path) -> None:
+    _waiting_jobs(server, tmp_path)
+
+
+@pytest.mark.postgres
+def test_what_a_waiting_job_reads_stays_on_postgresql(postgres_served: Server, tmp_path: Path) -> None:
+    _waiting_jobs(postgres_served, tmp_path)
 
 
 def test_what_nothing_needs_is_let_go_and_comes_back(server: Server) -> None:
