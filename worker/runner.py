@@ -74,7 +74,7 @@ class _Watch:
     space: Space | None
     started_at: float
     beaten_at: float
-    verdict: Callable[[Session], None] | None = None
+    ending: Callable[[Session], None] | None = None
     told: dict[str, Any] = field(default_factory=dict)
     last_word: dict[str, Any] | None = None
     is_shown: bool = False
@@ -240,7 +240,7 @@ class Runner:
                 self._guard(watch)
             self._judge(watch)
         except StorageFull as full:
-            watch.verdict = self._waiting(watch, full.problem())
+            watch.ending = self._waiting(watch, full.problem())
         finally:
             if child.is_working:
                 child.end()
@@ -266,9 +266,9 @@ class Runner:
         if watch.is_broken_off:
             return
         if watch.last_word is None:
-            watch.verdict = self._death(watch)
+            watch.ending = self._death(watch)
         elif watch.last_word["message"] == "failed":
-            watch.verdict = self._verdict(watch, watch.last_word)
+            watch.ending = self._ending(watch, watch.last_word)
 
     def _guard(self, watch: _Watch) -> None:
         """Beat when it is time; end what is cancelled, lost, over a limit, or to be given back."""
@@ -309,12 +309,12 @@ class Runner:
             log.warning("the job was taken over or ended elsewhere", job=watch.attempt.job_id)
             self._break_off(watch, None)
 
-    def _break_off(self, watch: _Watch, verdict: Callable[[Session], None] | None) -> None:
+    def _break_off(self, watch: _Watch, ending: Callable[[Session], None] | None) -> None:
         """Kill the child, then judge: what it has committed by then stands."""
         watch.child.end_job()
-        watch.is_broken_off, watch.verdict = True, verdict
+        watch.is_broken_off, watch.ending = True, ending
 
-    def _verdict(self, watch: _Watch, message: dict[str, Any]) -> Callable[[Session], None] | None:
+    def _ending(self, watch: _Watch, message: dict[str, Any]) -> Callable[[Session], None] | None:
         """Return what becomes of a job whose child says that it failed."""
         attempt = watch.attempt
         if message["why"] == "lease-lost":
@@ -369,10 +369,10 @@ class Runner:
         A database that does not answer is asked again until the lease is over: then another attempt
         takes over anyway. One whose disk is full is asked until there is room: nobody can take over before.
         """
-        while watch.verdict is not None:
+        while watch.ending is not None:
             try:
                 with self._kernel.db.writing("end-job") as session:
-                    watch.verdict(session)
+                    watch.ending(session)
             except LeaseLost:
                 pass
             except StorageFull:

@@ -7,23 +7,22 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 from sqlalchemy.orm import Session
-from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import AnyActor, TabletActor
-from service.api.bodies import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
-from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapId, answered, respond
+from service.api.bodies import UNLIMITED
+from service.api.deps import BaseUrl, KernelDep, MapId, answered
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
+from service.api.receive import SendingDep, receive
 from service.api.schemas.base import Page
 from service.api.schemas.drawing_form import FORM
 from service.api.schemas.drawings import DrawingAccepted, DrawingOut, DrawingPatch
 from service.domain.drawing_options import DrawingOptions
 from service.domain.media import Purpose
-from service.usecases.answer import Answered, answer_once
-from service.usecases.bytes_first import bytes_first
+from service.usecases.answer import Answered
 from service.usecases.drawings import covered_drawing, drawing_file, list_drawings, reread_drawing
 from service.usecases.receive_drawing import receive_drawing
-from service.usecases.receive_file import require_receiver
+from service.usecases.receive_file import ReceivedFile
 
 router = APIRouter(tags=["drawings"])
 
@@ -37,15 +36,7 @@ DrawingId = Annotated[str, Path(description="Id of the drawing.", max_length=40)
     openapi_extra=FORM,
     max_body_size=UNLIMITED,
 )
-async def upload_drawing(
-    request: Request,
-    kernel: KernelDep,
-    actor: TabletActor,
-    limits: LimitsDep,
-    base_url: BaseUrl,
-    map_id: MapId,
-    idempotency_key: IdempotencyKey = None,
-) -> Response:
+async def upload_drawing(sending: SendingDep, base_url: BaseUrl, map_id: MapId) -> Response:
     """Upload a design drawing of a map; a job reads its walls.
 
     The scale is said in one way: `scale` (JSON), `metres_per_unit`, `ratio` with `dpi`, or `known_length`; it
@@ -55,36 +46,16 @@ async def upload_drawing(
     once; the rest the job finds out, and carries the same kind of problem document.
     """
 
-    def receive(form: ReceivedForm) -> Answered:
-        options = DrawingOptions.from_fields(form.fields)
-        file = received_file(form, bounds=limits.bounds)
-        once = form_identity(request, form, file.sha256, key=idempotency_key, limits=limits)
+    def record(session: Session, file: ReceivedFile, options: DrawingOptions) -> Answered:
+        kernel, actor = sending.kernel, sending.actor
+        received = receive_drawing(kernel, session, actor, map_id=map_id, file=file, options=options)
+        row = covered_drawing(session, actor, drawing_id=received.drawing.id)
+        shown = DrawingAccepted.of(row, base_url=base_url)
+        return answered(shown, status=202, headers={"Location": f"/v1/drawings/{shown.drawing.id}"})
 
-        def act(session: Session) -> Answered:
-            received = receive_drawing(kernel, session, actor, map_id=map_id, file=file, options=options)
-            row = covered_drawing(session, actor, drawing_id=received.drawing.id)
-            shown = DrawingAccepted.of(row, base_url=base_url)
-            return answered(shown, status=202, headers={"Location": f"/v1/drawings/{shown.drawing.id}"})
-
-        return answer_once(kernel, actor, point="receive-drawing", request=once, act=act)
-
-    def check() -> None:
-        with kernel.db.reading() as session:
-            require_receiver(session, actor, map_id)
-
-    def receive_or_undo(form: ReceivedForm) -> Answered:
-        with bytes_first(kernel):
-            return receive(form)
-
-    await run_in_threadpool(check)
-    async with received_form(
-        request,
-        kernel.blobs,
-        room=kernel.room,
-        purpose=Purpose.DRAWING,
-        max_bytes=limits.max_upload_bytes,
-    ) as form:
-        return respond(await run_in_threadpool(receive_or_undo, form))
+    return await receive(
+        sending, Purpose.DRAWING, map_id=map_id, said=DrawingOptions.from_fields, record=record
+    )
 
 
 @router.get("/v1/maps/{map_id}/drawings", response_model=Page[DrawingOut])

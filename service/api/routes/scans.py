@@ -7,19 +7,19 @@ from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
 from sqlalchemy.orm import Session
-from starlette.concurrency import run_in_threadpool
 
-from service.api.auth import AnyActor, TabletActor
-from service.api.bodies import UNLIMITED, ReceivedForm, form_identity, received_file, received_form
-from service.api.deps import BaseUrl, IdempotencyKey, KernelDep, LimitsDep, MapId, answered, respond
+from service.api.auth import AnyActor
+from service.api.bodies import UNLIMITED
+from service.api.deps import BaseUrl, KernelDep, MapId, answered
 from service.api.downloads import DOCUMENTED, REVALIDATE, send_file
 from service.api.paging import PagingDep
+from service.api.receive import SendingDep, receive
 from service.api.schemas.base import Page
 from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
 from service.domain.media import Purpose
-from service.usecases.answer import Answered, answer_once
-from service.usecases.bytes_first import bytes_first
-from service.usecases.receive_file import require_receiver
+from service.domain.scan_options import SaidOfScan
+from service.usecases.answer import Answered
+from service.usecases.receive_file import ReceivedFile
 from service.usecases.receive_scan import receive_scan
 from service.usecases.scans import covered_scan, list_scans, scan_file
 
@@ -35,51 +35,23 @@ ScanId = Annotated[str, Path(description="Id of the scan.", max_length=40)]
     openapi_extra=FORM,
     max_body_size=UNLIMITED,
 )
-async def upload_scan(
-    request: Request,
-    kernel: KernelDep,
-    actor: TabletActor,
-    limits: LimitsDep,
-    base_url: BaseUrl,
-    map_id: MapId,
-    idempotency_key: IdempotencyKey = None,
-) -> Response:
+async def upload_scan(sending: SendingDep, base_url: BaseUrl, map_id: MapId) -> Response:
     """Upload a tablet scan, with or without a rough pose; a job reads its points.
 
     What the file's own first bytes show to be wrong is refused at once; the rest the job finds out, and
     carries the same kind of problem document. Over a shaky network `POST /v1/tus` takes the file in pieces.
     """
 
-    def receive(form: ReceivedForm) -> Answered:
-        said = said_of(form.fields)
-        file = received_file(form, bounds=limits.bounds)
-        once = form_identity(request, form, file.sha256, key=idempotency_key, limits=limits)
+    def record(session: Session, file: ReceivedFile, said: SaidOfScan) -> Answered:
+        kernel, actor = sending.kernel, sending.actor
+        received = receive_scan(kernel, session, actor, map_id=map_id, file=file, said=said)
+        row = covered_scan(session, actor, scan_id=received.scan.id)
+        shown = ScanAccepted.of(row, base_url=base_url)
+        return answered(shown, status=202, headers={"Location": f"/v1/scans/{shown.scan.id}"})
 
-        def act(session: Session) -> Answered:
-            received = receive_scan(kernel, session, actor, map_id=map_id, file=file, said=said)
-            row = covered_scan(session, actor, scan_id=received.scan.id)
-            shown = ScanAccepted.of(row, base_url=base_url)
-            return answered(shown, status=202, headers={"Location": f"/v1/scans/{shown.scan.id}"})
-
-        return answer_once(kernel, actor, point="receive-scan", request=once, act=act)
-
-    def check() -> None:
-        with kernel.db.reading() as session:
-            require_receiver(session, actor, map_id)
-
-    def receive_or_undo(form: ReceivedForm) -> Answered:
-        with bytes_first(kernel):
-            return receive(form)
-
-    await run_in_threadpool(check)
-    async with received_form(
-        request,
-        kernel.blobs,
-        room=kernel.room,
-        purpose=Purpose.SCAN,
-        max_bytes=limits.max_upload_bytes,
-    ) as form:
-        return respond(await run_in_threadpool(receive_or_undo, form))
+    return await receive(
+        sending, Purpose.SCAN, map_id=map_id, point="receive-scan", said=said_of, record=record
+    )
 
 
 @router.get("/v1/maps/{map_id}/scans", response_model=Page[ScanOut])
