@@ -164,8 +164,9 @@ class Story:
 
     def _wait_halted(self, job_id: str) -> psutil.Process:
         def is_over() -> bool:
-            is_ordered = (self.bench.data_dir / "crash-at").exists()
-            return is_ordered and JobState(self.bench.job(job_id).state).is_final
+            is_final = JobState(self.bench.job(job_id).state).is_final
+            is_gone = is_final and not list((self.bench.data_dir / "jobs").iterdir())
+            return is_gone and (self.bench.data_dir / "crash-at").exists()
 
         return wait_halted(self.worker.pid, self.bench.data_dir, is_over=is_over)
 
