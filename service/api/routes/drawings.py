@@ -53,8 +53,9 @@ async def upload_drawing(sending: SendingDep, base_url: BaseUrl, map_id: MapId) 
         shown = DrawingAccepted.of(row, base_url=base_url)
         return answered(shown, status=202, headers={"Location": f"/v1/drawings/{shown.drawing.id}"})
 
+    said = DrawingOptions.from_fields
     return await receive(
-        sending, Purpose.DRAWING, map_id=map_id, said=DrawingOptions.from_fields, record=record
+        sending, Purpose.DRAWING, map_id=map_id, point="receive-drawing", said=said, record=record
     )
 
 
