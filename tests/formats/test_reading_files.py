@@ -1,6 +1,7 @@
 """Walls as GeoJSON: the round trip, and files from outside that break the format."""
 
 import json
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,40 @@ def test_a_reading_is_four_files_and_names_every_removed_stroke(tmp_path: Path) 
     assert [(w["kind"], w["layer"]) for w in walls] == [("wall", "wall"), ("column", "column")]
     assert all(w["id"] and w["reason"] for w in walls)
     assert (summary["scale"], summary["unit"], summary["sheet"]) == (given(0.01).to_json(), "m", [5.0, 4.0])
+
+
+def test_a_coordinate_that_is_no_number_is_a_defect_and_is_not_written(tmp_path: Path) -> None:
+    stroke = RemovedStroke((np.array([[1.0, 1.0], [np.nan, 2.0]]),), "text", "small")
+    reading = Reading((WALL,), (), (stroke,), (5.0, 4.0), given(0.01), "outlined")
+    with pytest.raises(ValueError, match="finite"):
+        write_reading(reading, tmp_path)
+    wide = replace(WALL, thickness=float("nan"))
+    with pytest.raises(ValueError, match="finite"):
+        write_walls(tmp_path / "walls.geojson", [wide], frame="map")
+
+
+def test_strokes_of_several_lines_and_strange_words_come_back(tmp_path: Path) -> None:
+    lines = (np.array([[0.0, -0.00001], [2.0, 2.0]]), np.array([[1.0, 5.0], [3.25, 2.0], [9.0, 1.0]]))
+    strokes = tuple(RemovedStroke(lines[:n], "text", f"\ud800\x00 {n}") for n in (1, 2) for _ in range(6_000))
+    reading = Reading((WALL,), (PIER,), strokes, (5.0, 4.0), given(0.01), "outlined")
+    written = json.loads(write_reading(reading, tmp_path)[1].read_text())
+    assert {k: v for k, v in written.items() if k != "features"} == {
+        "type": "FeatureCollection",
+        "frame": "drawing",
+        "unit": "m",
+    }
+    assert [f["geometry"]["coordinates"] for f in written["features"]] == [
+        [[[0.0, 0.0], [2.0, 2.0]], [[1.0, 5.0], [3.25, 2.0], [9.0, 1.0]]][:n]
+        for n in (1, 2)
+        for _ in range(6_000)
+    ]
+    assert [f["properties"]["reason"] for f in written["features"]][5_999:6_001] == [
+        "\ufffd\ufffd 1",
+        "\ufffd\ufffd 2",
+    ]
+    names = [f["properties"]["id"] for f in written["features"]]
+    assert len(set(names)) == len(names)
+    assert names[:2] == ["s0.00_0.00_200.00_200.00", "s0.00_0.00_200.00_200.00~2"]
 
 
 def test_walls_in_pixels_are_no_walls_for_a_map(tmp_path: Path) -> None:

@@ -30,7 +30,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.dxf_entities import IGNORED, add_entity, dimension_of, style_of
 from worker.formats.dxf_linework import linework_of
-from worker.formats.dxf_parts import Part, PartBuilder, Style, repeated
+from worker.formats.dxf_parts import Part, PartBuilder, Reference, Style
 from worker.formats.dxf_sheets import sheet_part, title_witness
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.scale.decision import Witness
@@ -204,17 +204,21 @@ class _Reader:
                 "may be drawn to scale.",
             )
         if sheet is None:
-            return PartBuilder().finish(), witnesses, [finding]
+            return PartBuilder(most=0).finish(), witnesses, [finding]
         return sheet, witnesses + title_witness(self._doc, sheet, to_model=only_references), [finding]
 
     def _budget(self, model: Iterable[DXFGraphic]) -> None:
-        """Refuse a drawing whose references, placed in each other, come to more entities than are read."""
-        total = sum(self._count_of(e, ()) for e in model)
-        if total > self._bounds.max_strokes:
+        """Refuse a drawing whose references, placed in each other, come to more entities than are read.
+
+        What the file itself lists is bounded by its size: this is what a few bytes multiply.
+        """
+        most = self._bounds.max_page_objects
+        total = sum(self._count_of(e, ()) - 1 for e in model)
+        if total > most:
             raise DrawingTooComplex(
-                f"The drawing's blocks, placed in each other, are over {self._bounds.max_strokes} strokes. "
-                "Explode and purge it, or save the one floor that is needed.",
-                max_strokes=self._bounds.max_strokes,
+                f"The drawing's blocks, placed in each other, come to {total} entities; at most {most} are "
+                "read. Purge it, or save the one floor that is needed.",
+                max_page_objects=most,
             )
 
     def _count_of(self, entity: DXFGraphic, above: tuple[str, ...]) -> int:
@@ -231,7 +235,7 @@ class _Reader:
         return times * self._counts[name] + 1
 
     def _part(self, entities: Iterable[DXFGraphic], *, in_block: bool, above: tuple[str, ...] = ()) -> Part:
-        to = PartBuilder()
+        to = PartBuilder(most=self._bounds.max_strokes)
         for n, entity in enumerate(entities):
             if n % _TELL_EVERY == 0:
                 self._tell("blocks", 0.5)
@@ -263,8 +267,8 @@ class _Reader:
         name = str(insert.dxf.get("name", ""))
         part = self._block(name, above)
         if part is not None and (len(part.ends) or part.texts):
-            placed = part.placed(insert.matrix44(), style)
-            to.add_part(repeated(placed, _grid(insert)) if insert.mcount > 1 else placed)
+            at = _grid(insert) if insert.mcount > 1 else None
+            to.add_reference(Reference.of(part, insert.matrix44(), style, at=at))
         for attribute in insert.attribs:
             if not attribute.is_invisible:
                 add_entity(attribute, style_of(attribute, in_block=False), to)
@@ -272,7 +276,7 @@ class _Reader:
     def _dimension(self, entity: DXFGraphic, style: Style, to: PartBuilder, above: tuple[str, ...]) -> None:
         part = self._block(str(entity.dxf.get("geometry", "")), above, dimension=True)
         if part is not None:
-            to.add_part(part.placed(Matrix44(), style, kind="dimension"))
+            to.add_reference(Reference.of(part, Matrix44(), style, kind="dimension"))
         measured = dimension_of(entity)
         if measured is not None:
             to.dimensions.append(measured)

@@ -2,28 +2,35 @@
 
 from __future__ import annotations
 
-import itertools
 import math
+import re
 from collections.abc import Callable, Mapping
 
+import numpy as np
 from ezdxf import colors, path
 from ezdxf.entities.boundary_paths import EdgePath, SplineEdge
 from ezdxf.entities.dxfentity import DXFEntity
 from ezdxf.entities.dxfgfx import DXFGraphic
+from ezdxf.entities.mtext import MText
 from ezdxf.entities.polygon import DXFPolygon
 from ezdxf.entities.spline import Spline
-from ezdxf.math import OCS, Vec3, bulge_to_arc
+from ezdxf.math import OCS, Vec3
+from ezdxf.tools.text import fast_plain_mtext
+from numpy.typing import NDArray
 
+from worker.formats.dxf_bulges import FULL_CIRCLE, LEAST_CHORDS, bulged_path
 from worker.formats.dxf_parts import BY_BLOCK, BY_LAYER, INHERIT_LAYER, Drawn, PartBuilder, Point, Style
+from worker.geometry.drawing.linework.curves import Arc
 from worker.geometry.drawing.linework.linework import Dimension
 from worker.geometry.drawing.text import Text
 
 IGNORED = frozenset({"VIEWPORT", "ATTDEF", "SEQEND", "POINT", "WIPEOUT", "LIGHT", "SUN", "VERTEX"})
 """Entities that draw nothing of a building, or nothing at all."""
 
-_FULL_CIRCLE = 64
 _LETTER = 0.7
-_LARGEST_TEXT = 500
+_LARGEST_TEXT, _LARGEST_PARAGRAPH = 500, 5_000
+_MOST_LINES = 200
+_PARAGRAPH = re.compile(r"(?<!\\)\\P")
 _CURVE_SHARE, _CURVE_PIECES = 400.0, 4
 _MOST_FITTED, _MOST_CONTROLS = 1_000, 2_000
 
@@ -100,10 +107,15 @@ def _line(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
     to.add([[(a.x, a.y), (b.x, b.y)]], Drawn("line", style))
 
 
-def _arc_points(x: float, y: float, *, radius: float, start: float, sweep: float) -> list[Point]:
-    count = max(4, math.ceil(abs(sweep) / math.tau * _FULL_CIRCLE))
-    angles = (start + sweep * k / count for k in range(count + 1))
-    return [(x + radius * math.cos(a), y + radius * math.sin(a)) for a in angles]
+@np.errstate(invalid="ignore", over="ignore")  # such places are told later
+def _arc_points(arc: Arc) -> NDArray[np.float64]:
+    x, y, radius, start, sweep = arc
+    angles = start + sweep * np.linspace(0.0, 1.0, _chords(sweep) + 1)
+    return np.column_stack([x + radius * np.cos(angles), y + radius * np.sin(angles)])
+
+
+def _chords(sweep: float) -> int:
+    return max(LEAST_CHORDS, math.ceil(abs(sweep) / math.tau * FULL_CIRCLE))
 
 
 def _arc(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
@@ -119,11 +131,11 @@ def _arc(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
     if not (math.isfinite(start) and math.isfinite(sweep) and radius > 0):
         msg = "an arc without radius or angles"
         raise ValueError(msg)
-    points = _arc_points(centre.x, centre.y, radius=radius, start=start, sweep=sweep)
+    arc = (centre.x, centre.y, radius, start, sweep)
     full = abs(sweep) >= math.tau - 1e-9
-    to.add([points], Drawn("circle" if full else "arc", style, closed=full))
+    to.add([_arc_points(arc)], Drawn("circle" if full else "arc", style, closed=full))
     if not full:
-        to.add_arc(centre.x, centre.y, radius=radius, start=start, sweep=sweep)
+        to.add_arcs(np.array([arc]))
 
 
 def _lwpolyline(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
@@ -166,19 +178,12 @@ def _bulged(
         return
     closed = closed and len(points) > 2
     ring = [*points, points[0]] if closed else points
-    out: list[Point] = [(ring[0][0], ring[0][1])]
-    for (ax, ay, bulge), (bx, by, _) in itertools.pairwise(ring):
-        if bulge and (ax, ay) != (bx, by):
-            centre, _, _, radius = bulge_to_arc((ax, ay), (bx, by), bulge)
-            start, sweep = math.atan2(ay - centre.y, ax - centre.x), 4.0 * math.atan(bulge)
-            out += _arc_points(centre.x, centre.y, radius=radius, start=start, sweep=sweep)[1:-1]
-            if ocs is None:
-                to.add_arc(centre.x, centre.y, radius=radius, start=start, sweep=sweep)
-        if (bx, by) != out[-1]:
-            out.append((bx, by))
-    if ocs is not None:
-        out = [(w.x, w.y) for w in (ocs.to_wcs(Vec3(x, y)) for x, y in out)]
-    shut = closed or (len(out) > 3 and out[0] == out[-1])
+    out, arcs = bulged_path(np.array(ring, dtype=np.float64))
+    if ocs is None:
+        to.add_arcs(arcs)
+    else:
+        out = np.array([(w.x, w.y) for w in (ocs.to_wcs(Vec3(x, y)) for x, y in out.tolist())])
+    shut = closed or (len(out) > 3 and bool((out[0] == out[-1]).all()))
     to.add([out], Drawn("line" if len(out) == 2 else "polyline", style, closed=shut))
 
 
@@ -269,17 +274,29 @@ def _text(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
 
 def _mtext(entity: DXFGraphic, style: Style, to: PartBuilder) -> None:
     dxf = entity.dxf
-    lines = entity.plain_text(split=True)  # type: ignore[attr-defined]  # an MText
+    assert isinstance(entity, MText)
+    lines = lines_of(entity.text)
     height = float(dxf.get("char_height", 1.0))
-    angle = math.radians(entity.get_rotation())  # type: ignore[attr-defined]  # an MText
+    angle = math.radians(entity.get_rotation())
     point = int(dxf.get("attachment_point", 1))
     column, row = (point - 1) % 3, (point - 1) // 3
-    for n, line in enumerate(lines[:200]):
+    for n, line in enumerate(lines[:_MOST_LINES]):
         half = 0.5 * _LETTER * height * len(line)
         up = (-0.5 - 1.6 * n) * height + row * 0.5 * (1.6 * len(lines) - 0.6) * height
         _add_text(
             to, line, (dxf.insert.x, dxf.insert.y), height, angle, ((1 - column) * half, up), style.layer
         )
+
+
+def lines_of(text: str) -> list[str]:
+    """Return the lines of a formatted text without its codes, each paragraph by itself.
+
+    ezdxf copies what is left of a text for each of its codes: that takes the square of its length.
+    """
+    paragraphs = _PARAGRAPH.split(text)
+    shown = (fast_plain_mtext(part[:_LARGEST_PARAGRAPH], split=True) for part in paragraphs[:_MOST_LINES])
+    lines = [line for part in shown for line in part]
+    return lines + [""] * (len(paragraphs) - _MOST_LINES)
 
 
 def _add_text(

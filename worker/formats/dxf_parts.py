@@ -12,6 +12,7 @@ import numpy as np
 from ezdxf.math import Matrix44
 from numpy.typing import NDArray
 
+from service.domain.errors import DrawingTooComplex
 from worker.geometry.drawing.linework.linework import Dimension
 from worker.geometry.drawing.text import Text
 
@@ -86,80 +87,124 @@ class Part:
     texts: list[Text] = field(default_factory=list)
     dimensions: list[Dimension] = field(default_factory=list)
 
-    def placed(self, matrix: Matrix44, style: Style, *, kind: str = "") -> Part:
-        """Return the part as a reference places it; with `kind` all its entities become of that kind."""
+
+@dataclass(frozen=True, eq=False)
+class Reference:
+    """Hold what places a part, M times: by (M, 2, 2) linear maps of rows, then (M, 2) shifts.
+
+    With `kind` all its entities become of that kind, and its arcs are left out.
+    """
+
+    part: Part
+    linear: NDArray[np.float64]
+    shift: NDArray[np.float64]
+    style: Style
+    kind: str = ""
+
+    @classmethod
+    def of(
+        cls,
+        part: Part,
+        matrix: Matrix44,
+        style: Style,
+        *,
+        at: NDArray[np.float64] | None = None,
+        kind: str = "",
+    ) -> Reference:
+        """Return the reference that places a part by a matrix, at each of (M, 2) offsets from there."""
         m = np.array(list(matrix), dtype=np.float64).reshape(4, 4)
-        linear, shift = m[:2, :2], m[3, :2]
-        distinct = {id(d): d for d in self.drawn}  # many entities share one
-        known = {
-            n: replace(d, style=d.style.placed_by(style), kind=kind or d.kind) for n, d in distinct.items()
-        }
-        drawn = [known[id(d)] for d in self.drawn]
-        texts = [_placed_text(t, linear, shift, style.layer) for t in self.texts]
-        arcs = self.arcs if kind == "" else self.arcs[:0]
-        return Part(
-            self.ends @ linear + shift, self.entity, drawn, _placed_arcs(arcs, linear, shift), texts, []
-        )
+        shift = m[3, :2] + (np.zeros((1, 2)) if at is None else at)
+        return cls(part, np.broadcast_to(m[:2, :2], (len(shift), 2, 2)), shift, style, kind)
 
-
-def repeated(part: Part, offsets: NDArray[np.float64]) -> Part:
-    """Return a part once at each of (N, 2) offsets."""
-    n = len(offsets)
-    arcs = np.tile(part.arcs, (n, 1))
-    arcs[:, :2] += np.repeat(offsets, len(part.arcs), axis=0)
-    return Part(
-        np.tile(part.ends, (n, 1, 1)) + np.repeat(offsets, len(part.ends), axis=0)[:, None],
-        np.tile(part.entity, n) + np.repeat(np.arange(n) * len(part.drawn), len(part.entity)),
-        part.drawn * n,
-        arcs,
-        [replace(t, x=t.x + float(x), y=t.y + float(y)) for x, y in offsets for t in part.texts],
-        [],
-    )
+    @property
+    def strokes(self) -> int:
+        """Return to how many segments it comes."""
+        return len(self.part.ends) * len(self.shift)
 
 
 class PartBuilder:
-    """Collect the entities of one block or layout."""
+    """Collect the entities of one block or layout.
 
-    def __init__(self) -> None:
-        self._ends = array("d")
+    Parameters
+    ----------
+    most : int
+        Segments that it takes at most.
+    """
+
+    def __init__(self, *, most: int) -> None:
+        self._most = self._left = most
+        self._points = array("d")
+        self._size = array("q")
         self._entity = array("q")
         self._drawn: list[Drawn] = []
-        self._arcs: list[tuple[float, float, float, float, float]] = []
-        self._parts: list[Part] = []
+        self._arcs = array("d")
+        self._references: list[Reference] = []
         self.texts: list[Text] = []
         self.dimensions: list[Dimension] = []
 
-    def add(self, paths: Iterable[Sequence[Point]], drawn: Drawn) -> None:
-        """Add an entity of one or several polylines."""
+    def add(self, paths: Iterable[Sequence[Point] | NDArray[np.float64]], drawn: Drawn) -> None:
+        """Add an entity of one or several polylines.
+
+        Raises
+        ------
+        DrawingTooComplex
+            If there are more segments than are taken.
+        """
         number = len(self._drawn)
         some = False
         for path in paths:
-            for (ax, ay), (bx, by) in itertools.pairwise(path):
-                self._ends.extend((ax, ay, bx, by))
-                self._entity.append(number)
-                some = True
+            if len(path) < 2:
+                continue
+            self._expect(len(path) - 1)
+            if isinstance(path, np.ndarray):
+                self._points.frombytes(path.astype(np.float64).tobytes())
+            else:
+                self._points.extend(itertools.chain.from_iterable(path))
+            self._size.append(len(path))
+            self._entity.append(number)
+            some = True
         if some:
             self._drawn.append(drawn)
 
-    def add_arc(self, x: float, y: float, *, radius: float, start: float, sweep: float) -> None:
-        """Add a circular arc whose chords are added, too."""
-        self._arcs.append((x, y, radius, start, sweep))
+    def add_arcs(self, arcs: NDArray[np.float64]) -> None:
+        """Add (A, 5) circular arcs, as those of a `Part`, whose chords are added, too."""
+        self._arcs.frombytes(arcs.astype(np.float64).tobytes())
 
-    def add_part(self, part: Part) -> None:
-        """Add what a reference places."""
-        self._parts.append(part)
+    def add_reference(self, reference: Reference) -> None:
+        """Add what a reference places.
+
+        Raises
+        ------
+        DrawingTooComplex
+            If there are more segments than are taken.
+        """
+        self._expect(reference.strokes)
+        self._references.append(reference)
 
     def finish(self) -> Part:
-        """Return everything as one part."""
+        """Return everything as one part: what was added, then what is placed."""
+        points = np.frombuffer(self._points, dtype=np.float64).reshape(-1, 2)
+        size = np.frombuffer(self._size, dtype=np.int64)
+        goes_on = np.ones(len(points), dtype=np.bool_)
+        goes_on[np.cumsum(size) - 1] = False
+        first = np.flatnonzero(goes_on)
         own = Part(
-            np.frombuffer(self._ends, dtype=np.float64).reshape(-1, 2, 2).copy(),
-            np.frombuffer(self._entity, dtype=np.int64).copy(),
+            np.stack([points[first], points[first + 1]], axis=1),
+            np.repeat(np.frombuffer(self._entity, dtype=np.int64), size - 1),
             self._drawn,
-            np.array(self._arcs, dtype=np.float64).reshape(-1, 5),
+            np.frombuffer(self._arcs, dtype=np.float64).reshape(-1, 5).copy(),
             self.texts,
             self.dimensions,
         )
-        return joined([own, *self._parts]) if self._parts else own
+        return joined([own, _placed(self._references)]) if self._references else own
+
+    def _expect(self, count: int) -> None:
+        self._left -= count
+        if self._left < 0:
+            raise DrawingTooComplex(
+                f"The drawing has more than {self._most} strokes. Save the one floor that is needed.",
+                max_strokes=self._most,
+            )
 
 
 def joined(parts: Sequence[Part]) -> Part:
@@ -175,34 +220,111 @@ def joined(parts: Sequence[Part]) -> Part:
     )
 
 
-def _placed_text(text: Text, linear: NDArray[np.float64], shift: NDArray[np.float64], layer: str) -> Text:
-    x, y = np.array([text.x, text.y]) @ linear + shift
-    along = np.array([math.cos(text.angle), math.sin(text.angle)]) @ linear
-    size = math.sqrt(abs(float(np.linalg.det(linear))))
+@np.errstate(invalid="ignore", over="ignore")  # such places are told later
+def _placed(references: Sequence[Reference]) -> Part:
+    """Return what references place, in their order; all places of one part are computed at once."""
+    parts = list({id(r.part): r.part for r in references}.values())
+    number = {id(part): n for n, part in enumerate(parts)}
+    of = np.repeat([number[id(r.part)] for r in references], [len(r.shift) for r in references])
+    linear, shift = (
+        np.concatenate([r.linear for r in references]),
+        np.concatenate([r.shift for r in references]),
+    )
+    is_round = np.repeat([not r.kind for r in references], [len(r.shift) for r in references])
+    is_round &= _keeps_circles(linear)
+    strokes = _begins(np.array([len(p.ends) for p in parts])[of])
+    arcs = _begins(np.array([len(p.arcs) for p in parts])[of] * is_round)
+    entities = _begins(np.array([len(p.drawn) for p in parts])[of])
+    drawn, texts = _drawn_and_texts(references)
+    out = Part(
+        np.zeros((strokes[-1], 2, 2)), np.zeros(strokes[-1], np.int64), drawn, np.zeros((arcs[-1], 5)), texts
+    )
+    places = np.split(np.argsort(of, kind="stable"), np.cumsum(np.bincount(of))[:-1])
+    for part, here in zip(parts, places, strict=True):
+        rows = strokes[here][:, None] + np.arange(len(part.ends))
+        out.ends[rows] = _moved(part.ends, linear[here], shift[here])
+        out.entity[rows] = part.entity + entities[here][:, None]
+        true = here[is_round[here]]
+        rows = arcs[true][:, None] + np.arange(len(part.arcs))
+        out.arcs[rows] = _moved_arcs(part.arcs, linear[true], shift[true])
+    return out
+
+
+def _begins(count: NDArray[np.int64]) -> NDArray[np.int64]:
+    """Return where each of N groups of so many rows begins, and where the last ends."""
+    return np.concatenate([[0], np.cumsum(count)]).astype(np.int64)
+
+
+def _drawn_and_texts(references: Sequence[Reference]) -> tuple[list[Drawn], list[Text]]:
+    drawn: list[Drawn] = []
+    texts: list[Text] = []
+    known: dict[tuple[int, Style, str], list[Drawn]] = {}
+    for r in references:
+        key = (id(r.part), r.style, r.kind)
+        if key not in known:
+            distinct = {id(d): d for d in r.part.drawn}  # many entities share one
+            styled = {
+                n: replace(d, style=d.style.placed_by(r.style), kind=r.kind or d.kind)
+                for n, d in distinct.items()
+            }
+            known[key] = [styled[id(d)] for d in r.part.drawn]
+        drawn += known[key] * len(r.shift)
+        if r.part.texts:
+            linear = r.linear[0].ravel().tolist()
+            texts += [
+                _placed_text(text, linear, shift, r.style.layer)
+                for shift in r.shift.tolist()
+                for text in r.part.texts
+            ]
+    return drawn, texts
+
+
+def _moved(
+    points: NDArray[np.float64], linear: NDArray[np.float64], shift: NDArray[np.float64]
+) -> NDArray[np.float64]:
+    """Return (..., 2) points M times, by each linear map and shift."""
+    wide = (len(linear), *(1,) * (points.ndim - 1))
+    a, b, c, d = (linear[:, i, j].reshape(wide) for i in (0, 1) for j in (0, 1))
+    x, y = points[None, ..., 0], points[None, ..., 1]
+    return np.stack(
+        [x * a + y * c + shift[:, 0].reshape(wide), x * b + y * d + shift[:, 1].reshape(wide)], axis=-1
+    )
+
+
+def _placed_text(text: Text, linear: Sequence[float], shift: Sequence[float], layer: str) -> Text:
+    a, b, c, d = linear
+    cos, sin = math.cos(text.angle), math.sin(text.angle)
     return replace(
         text,
-        x=float(x),
-        y=float(y),
-        height=text.height * size,
-        angle=math.atan2(along[1], along[0]),
+        x=text.x * a + text.y * c + shift[0],
+        y=text.x * b + text.y * d + shift[1],
+        height=text.height * math.sqrt(abs(a * d - b * c)),
+        angle=math.atan2(cos * b + sin * d, cos * a + sin * c),
         layer=text.layer or layer,
     )
 
 
-def _placed_arcs(
+def _keeps_circles(linear: NDArray[np.float64]) -> NDArray[np.bool_]:
+    """Return by which of (M, 2, 2) linear maps circles stay circles, about."""
+    size = np.hypot(linear[:, :, 0], linear[:, :, 1])
+    sx, sy = size[:, 0], size[:, 1]
+    skew = np.abs((linear[:, 0] * linear[:, 1]).sum(axis=1))
+    return np.asarray((sx > 0) & (np.abs(sx - sy) <= 0.02 * sx) & (skew <= 0.02 * sx * sy), dtype=np.bool_)
+
+
+def _moved_arcs(
     arcs: NDArray[np.float64], linear: NDArray[np.float64], shift: NDArray[np.float64]
 ) -> NDArray[np.float64]:
-    """Return arcs where they stay circular; a mirrored one turns the other way."""
-    if not len(arcs):
-        return arcs
-    sx, sy = np.hypot(*linear[0]), np.hypot(*linear[1])
-    if not sx > 0 or abs(sx - sy) > 0.02 * sx or abs(float(linear[0] @ linear[1])) > 0.02 * sx * sy:
-        return arcs[:0]
-    out = arcs.copy()
-    out[:, :2] = arcs[:, :2] @ linear + shift
-    out[:, 2] = arcs[:, 2] * sx
-    begin = np.column_stack([np.cos(arcs[:, 3]), np.sin(arcs[:, 3])]) @ linear
-    out[:, 3] = np.arctan2(begin[:, 1], begin[:, 0])
-    if np.linalg.det(linear) < 0:
-        out[:, 4] = -arcs[:, 4]
-    return out
+    """Return (A, 5) arcs M times; a mirrored one turns the other way."""
+    begin = np.column_stack([np.cos(arcs[:, 3]), np.sin(arcs[:, 3])])
+    begin = _moved(begin, linear, np.zeros_like(shift))
+    turn = np.where(np.linalg.det(linear) < 0, -1.0, 1.0)[:, None]
+    return np.concatenate(
+        [
+            _moved(arcs[:, :2], linear, shift),
+            (arcs[:, 2] * np.hypot(linear[:, 0, 0], linear[:, 0, 1])[:, None])[..., None],
+            np.arctan2(begin[..., 1], begin[..., 0])[..., None],
+            (arcs[:, 4] * turn)[..., None],
+        ],
+        axis=-1,
+    )

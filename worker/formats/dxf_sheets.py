@@ -10,7 +10,7 @@ from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.entities.viewport import Viewport
 from ezdxf.math import Matrix44
 
-from worker.formats.dxf_parts import Drawn, Part, PartBuilder, Style, joined
+from worker.formats.dxf_parts import Drawn, Part, PartBuilder, Reference, Style
 from worker.geometry.drawing.scale.decision import Witness
 from worker.geometry.drawing.scale.title_block import stated_scales
 
@@ -46,11 +46,12 @@ def sheet_part(doc: Drawing, read: Read, *, to_model: bool) -> Part | None:
     view, centre = window.dxf.view_center_point, window.dxf.center
     shift = (view.x - centre.x * ratio, view.y - centre.y * ratio, 0.0)
     matrix = Matrix44.scale(ratio) @ Matrix44.translate(*shift)
-    builder = PartBuilder()
+    builder = PartBuilder(most=len(part.ends) + 4)
     w, h = window.dxf.width * ratio / 2, window.dxf.height * ratio / 2
     corners = [(-w, -h), (w, -h), (w, h), (-w, h), (-w, -h)]
     builder.add([[(view.x + x, view.y + y) for x, y in corners]], Drawn("polyline", _FRAME, closed=True))
-    return joined([builder.finish(), part.placed(matrix, _FRAME)])
+    builder.add_reference(Reference.of(part, matrix, _FRAME))
+    return builder.finish()
 
 
 def title_witness(doc: Drawing, sheet: Part, *, to_model: bool) -> list[Witness]:

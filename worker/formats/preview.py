@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -88,17 +89,23 @@ def write_preview(
     image = Image.new("RGB", (width, height), (255, 255, 255))
     pen = ImageDraw.Draw(image)
 
-    def to_px(xy: NDArray[np.float64]) -> list[tuple[float, float]]:
-        px = (xy - np.array(low)) * zoom
-        return [(float(x) + _MARGIN, float(height - footer - _MARGIN - y)) for x, y in px]
+    def to_px(parts: Sequence[NDArray[np.float64]]) -> Iterator[list[float]]:
+        """Yield each part as x and y in turn; all are turned to pixels at once."""
+        if not parts:
+            return
+        px = (np.concatenate(parts) - np.array(low)) * zoom
+        px = np.column_stack([px[:, 0] + _MARGIN, (height - footer - _MARGIN) - px[:, 1]])
+        end = np.cumsum([2 * len(part) for part in parts]).tolist()
+        flat = px.ravel().tolist()
+        yield from (flat[a:b] for a, b in pairwise([0, *end]))
 
     for layer in layers:
-        for area in layer.areas:
-            pen.polygon(to_px(area), fill=layer.colour)
-        for line in layer.lines:
-            pen.line(to_px(line), fill=layer.colour, width=layer.width)
+        for area in to_px(layer.areas):
+            pen.polygon(area, fill=layer.colour)
+        for line in to_px(layer.lines):
+            pen.line(line, fill=layer.colour, width=layer.width)
         if layer.points is not None and len(layer.points):
-            pen.point(to_px(layer.points), fill=layer.colour)
+            pen.point(next(to_px([layer.points])), fill=layer.colour)
     _scale_bar(pen, zoom, height - footer + 8, unit)
     for drawn, x, row in entries:
         y = height - footer + _FOOTER + row * _ROW

@@ -4,24 +4,28 @@ from __future__ import annotations
 
 import json
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import asdict
+from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
 
 import numpy as np
+import orjson
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from service.domain.plain import plain_text
 from worker.formats import preview
-from worker.geometry.drawing.reading.file_frame import StrokeIds, outline, stroke_ids
+from worker.geometry.drawing.reading.file_frame import StrokeIds, boxes_around, stroke_ids
 from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Unit, Wall
 
 _DECIMALS = 4
 _FARTHEST = 1e7
 _THICKEST = 10.0
+_ORJSON = orjson.OPT_SORT_KEYS | orjson.OPT_SERIALIZE_NUMPY
+_AT_ONCE = 10_000
 _REASONS = {
     "wall": "two faces, or one filled bar, as far apart as a wall is thick",
     "partition": "a single line that stands where walls stand",
@@ -43,8 +47,9 @@ def write_reading(reading: Reading, directory: Path) -> list[Path]:
     picture, summary = directory / "preview.png", directory / "reading.json"
     ids = stroke_ids(reading)
     write_walls(walls, reading.walls, reading.columns, frame="drawing", unit=reading.unit, ids=ids)
-    strokes = [_removed(r, name) for r, name in zip(reading.removed, ids.removed, strict=True)]
-    write_json(removed, _collection(strokes, "drawing", reading.unit))
+    lines = iter(_rounded([line for stroke in reading.removed for line in stroke.lines]))
+    strokes = (_removed(r, name, lines) for r, name in zip(reading.removed, ids.removed, strict=True))
+    _write_features(removed, strokes, "drawing", reading.unit)
     _picture(picture, reading)
     write_json(summary, _summary(reading), indent=2)
     return [walls, removed, picture, summary]
@@ -65,11 +70,14 @@ def write_walls(
     `thickness_px`: such a file is for looking at, and no map can be made from it. With `ids` each feature
     has its name, by which edits call it.
     """
-    features = [_wall(w, unit) for w in walls] + [_column(c) for c in columns]
+    lines = iter(_rounded([line for w in walls for line in (w.centre, *w.faces)]))
+    rings = _rounded([np.vstack([c.outline, c.outline[:1]]) for c in columns])
+    features = [_wall(w, unit, lines) for w in walls]
+    features += [_column(c, ring) for c, ring in zip(columns, rings, strict=True)]
     names = (*ids.walls, *ids.columns) if ids is not None else ()
     for feature, name in zip(features, names, strict=ids is not None):
         feature["properties"]["id"] = name
-    write_json(path, _collection(features, frame, unit))
+    _write_features(path, features, frame, unit)
 
 
 def load_walls_and_columns(
@@ -114,6 +122,24 @@ def write_json(path: Path, value: dict[str, Any], *, indent: int | None = None) 
     """Write JSON of plain text, with sorted keys and no clock: the same value gives the same bytes."""
     text = json.dumps(value, indent=indent, sort_keys=True, ensure_ascii=False, allow_nan=False)
     path.write_text(plain_text(text) + "\n", encoding="utf-8")
+
+
+def _write_features(path: Path, features: Iterable[dict[str, Any]], frame: str, unit: Unit) -> None:
+    """Write a FeatureCollection whose coordinates are arrays: as `write_json`, in a tenth of the time."""
+    rest, begun = iter(features), False
+    with path.open("wb") as file:
+        file.write(b'{"features":[')
+        while some := [_plain(feature) for feature in islice(rest, _AT_ONCE)]:
+            file.write((b"," if begun else b"") + orjson.dumps(some, option=_ORJSON)[1:-1])
+            begun = True
+        told = {"type": "FeatureCollection", "frame": frame, "unit": unit}
+        file.write(b"]," + orjson.dumps(told, option=_ORJSON)[1:] + b"\n")
+
+
+def _plain(feature: dict[str, Any]) -> dict[str, Any]:
+    told = feature["properties"]
+    told.update((k, plain_text(v)) for k, v in told.items() if isinstance(v, str))
+    return feature
 
 
 def _features(path: Path, bounds: Bounds) -> list[Any]:
@@ -178,51 +204,61 @@ def _line(value: Any, where: str, *, least: int) -> NDArray[np.float64]:
     return line
 
 
-def _collection(features: list[dict[str, Any]], frame: str, unit: Unit) -> dict[str, Any]:
-    return {"type": "FeatureCollection", "frame": frame, "unit": unit, "features": features}
+def _rounded(lines: Sequence[NDArray[np.float64]]) -> list[NDArray[np.float64]]:
+    """Return lines as they are written, all rounded at once.
+
+    Raises
+    ------
+    ValueError
+        If a coordinate is not finite: JSON has no word for it.
+    """
+    if not lines:
+        return []
+    points = np.asarray(np.round(np.concatenate(lines), _DECIMALS) + 0.0, dtype=np.float64)
+    if not np.isfinite(points).all():
+        msg = "a line of the reading has a coordinate that is not finite"
+        raise ValueError(msg)
+    end = np.cumsum([len(line) for line in lines]).tolist()
+    return [points[a:b] for a, b in pairwise([0, *end])]
 
 
-def _rounded(line: NDArray[np.float64]) -> list[list[float]]:
-    rows: list[list[float]] = (np.round(line, _DECIMALS) + 0.0).tolist()
-    return rows
-
-
-def _wall(wall: Wall, unit: Unit) -> dict[str, Any]:
+def _wall(wall: Wall, unit: Unit, lines: Iterator[NDArray[np.float64]]) -> dict[str, Any]:
+    """Return a wall's feature; the next three of the lines are its centre and its faces."""
+    if not math.isfinite(wall.thickness + wall.confidence):
+        msg = "a wall of the reading has a thickness or a confidence that is not finite"
+        raise ValueError(msg)
     return {
         "type": "Feature",
-        "geometry": {"type": "LineString", "coordinates": _rounded(wall.centre)},
+        "geometry": {"type": "LineString", "coordinates": next(lines)},
         "properties": {
             "kind": wall.kind,
             "layer": "wall",
             "reason": wall.reason or _REASONS.get(wall.kind, ""),
             f"thickness_{unit}": round(wall.thickness, _DECIMALS),
-            "faces": [_rounded(face) for face in wall.faces],
+            "faces": [next(lines), next(lines)],
             "confidence": round(wall.confidence, 3),
         },
     }
 
 
-def _column(column: Column) -> dict[str, Any]:
-    ring = np.vstack([column.outline, column.outline[:1]])
-    geometry = {"type": "Polygon", "coordinates": [_rounded(ring)]}
+def _column(column: Column, ring: NDArray[np.float64]) -> dict[str, Any]:
+    geometry = {"type": "Polygon", "coordinates": [ring]}
     properties = {"kind": column.kind, "layer": "column", "reason": _REASONS["column"]}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _removed(stroke: RemovedStroke, name: str) -> dict[str, Any]:
-    geometry = {"type": "MultiLineString", "coordinates": [_rounded(line) for line in stroke.lines]}
+def _removed(stroke: RemovedStroke, name: str, lines: Iterator[NDArray[np.float64]]) -> dict[str, Any]:
+    """Return a removed stroke's feature; the next of the lines are its own."""
+    geometry = {"type": "MultiLineString", "coordinates": [next(lines) for _ in stroke.lines]}
     properties = {"id": name, "layer": stroke.layer, "reason": stroke.reason}
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
 def _picture(path: Path, reading: Reading) -> None:
-    items: list[Wall | Column | RemovedStroke] = [*reading.walls, *reading.columns, *reading.removed]
-    corners = np.array(
-        [(*line.min(axis=0), *line.max(axis=0)) for item in items for line in outline(item) if len(line)]
-    ).reshape(-1, 4)
+    boxes = boxes_around([*reading.walls, *reading.columns, *reading.removed])
     low, high = np.zeros(2), np.array(reading.sheet)
-    if len(corners):
-        low, high = np.minimum(low, corners[:, :2].min(axis=0)), np.maximum(high, corners[:, 2:].max(axis=0))
+    if len(boxes):
+        low, high = np.minimum(low, boxes[:, :2].min(axis=0)), np.maximum(high, boxes[:, 2:].max(axis=0))
     preview.write_preview(
         path,
         [*_drawn_removed(reading.removed), *_drawn_walls(reading.walls, reading.columns)],

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from itertools import pairwise
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,14 +35,14 @@ def removed_strokes(
     place : callable
         Turns (N, 2) points in drawing units into frame `drawing`.
     """
-    first = np.searchsorted(linework.entity, np.arange(len(linework.kind) + 1))
-    placed = place(linework.ends.reshape(-1, 2)).reshape(-1, 2, 2)
+    gone = ~kept[linework.entity]
+    entity = linework.entity[gone]
+    lines, owner = _polylines(place(linework.ends[gone].reshape(-1, 2)).reshape(-1, 2, 2), entity)
+    present, first = np.unique(owner, return_index=True)
+    why = _Reasons(linework, roles)
     out = []
-    for e in np.flatnonzero(~kept).tolist():
-        ends = placed[first[e] : first[e + 1]]
-        if len(ends):
-            layer, reason = _why(linework, roles, e)
-            out.append(RemovedStroke(_polylines(ends), layer, reason))
+    for e, (a, b) in zip(present.tolist(), pairwise([*first.tolist(), len(lines)]), strict=True):
+        out.append(RemovedStroke(tuple(lines[a:b]), *why(e)))
     out += [_text(text, place) for text in linework.texts]
     return tuple(out)
 
@@ -56,29 +57,56 @@ def source_layers(linework: Linework, roles: Roles, factor: float) -> tuple[Sour
     return tuple(sorted(layers, key=lambda layer: -layer.length))
 
 
-def _why(linework: Linework, roles: Roles, e: int) -> tuple[str, str]:
-    """Return the layer of the reading in which an entity is set aside, and the reason."""
-    role, kind = str(roles.entity[e]), str(linework.kind[e])
-    number = int(linework.layer[e])
-    name = linework.layer_names[number] if linework.layer_names else ""
-    where = f"On layer {name!r}. " if name else ""
-    if role == "wall" and linework.filled[e]:
-        return "hatch", f"{where}A filled area whose outline the walls' lines repeat."
-    if kind in {"dimension", "leader"}:
-        return "dimension", f"{where}It is a {kind}."
-    if kind == "hatch":
-        return "hatch", f"{where}It is a hatch."
-    if role == "other" and linework.dashed[e]:
-        return "dashed", f"{where}A dashed line."
-    return role, where + (
-        roles.layer_reason[number] if name else "No lines at a wall's thickness run along it."
-    )
+class _Reasons:
+    """Say in which layer of the reading an entity is set aside, and why; alike ones share their words."""
+
+    def __init__(self, linework: Linework, roles: Roles) -> None:
+        self._names, self._told = linework.layer_names, roles.layer_reason
+        self._marks = list(
+            zip(
+                roles.entity.tolist(),
+                linework.kind.tolist(),
+                linework.layer.tolist(),
+                linework.filled.tolist(),
+                linework.dashed.tolist(),
+                strict=True,
+            )
+        )
+        self._known: dict[tuple[str, str, int, bool, bool], tuple[str, str]] = {}
+
+    def __call__(self, e: int) -> tuple[str, str]:
+        marks = self._marks[e]
+        if marks not in self._known:
+            self._known[marks] = self._why(*marks)
+        return self._known[marks]
+
+    def _why(self, role: str, kind: str, number: int, filled: bool, dashed: bool) -> tuple[str, str]:  # noqa: FBT001 - as they are kept
+        name = self._names[number] if self._names else ""
+        where = f"On layer {name!r}. " if name else ""
+        if role == "wall" and filled:
+            return "hatch", f"{where}A filled area whose outline the walls' lines repeat."
+        if kind in {"dimension", "leader"}:
+            return "dimension", f"{where}It is a {kind}."
+        if kind == "hatch":
+            return "hatch", f"{where}It is a hatch."
+        if role == "other" and dashed:
+            return "dashed", f"{where}A dashed line."
+        return role, where + (self._told[number] if name else "No lines at a wall's thickness run along it.")
 
 
-def _polylines(ends: NDArray[np.float64]) -> tuple[NDArray[np.float64], ...]:
-    """Return (N, 2, 2) segments of one entity as polylines."""
-    breaks = np.flatnonzero((ends[1:, 0] != ends[:-1, 1]).any(axis=1)) + 1
-    return tuple(np.vstack([part[:, 0], part[-1:, 1]]) for part in np.split(ends, breaks))
+def _polylines(
+    ends: NDArray[np.float64], entity: NDArray[np.int64]
+) -> tuple[list[NDArray[np.float64]], NDArray[np.int64]]:
+    """Return (N, 2, 2) segments of entities as polylines, each with its entity."""
+    if not len(ends):
+        return [], entity
+    breaks = (ends[1:, 0] != ends[:-1, 1]).any(axis=1) | (entity[1:] != entity[:-1])
+    first = np.flatnonzero(np.concatenate([[True], breaks]))
+    last = np.append(first[1:], len(ends)) - 1
+    points = np.insert(ends[:, 0], last + 1, ends[last, 1], axis=0)
+    at = first + np.arange(len(first))
+    lines = [points[a:b] for a, b in pairwise([*at.tolist(), len(points)])]
+    return lines, entity[first]
 
 
 def _text(text: Text, place: Place) -> RemovedStroke:

@@ -146,8 +146,19 @@ def _aligned(walls: Sequence[Wall]) -> float:
 
 def _explained(reading: Reading) -> float:
     kept = sum(w.length * (2.0 if w.kind == "wall" else 1.0) for w in reading.walls)
-    aside = sum(float(np.hypot(*np.diff(x, axis=0).T).sum()) for r in reading.removed for x in r.lines)
+    aside = _length([line for stroke in reading.removed for line in stroke.lines])
     return kept / max(kept + aside, 1e-9)
+
+
+def _length(lines: Sequence[NDArray[np.float64]]) -> float:
+    """Return how long lines are together."""
+    if not lines:
+        return 0.0
+    steps = np.diff(np.concatenate(lines), axis=0)
+    between = np.cumsum([len(line) for line in lines])[:-1] - 1
+    length = np.hypot(steps[:, 0], steps[:, 1])
+    length[between] = 0.0
+    return float(length.sum())
 
 
 def _sized(reading: Reading) -> float:

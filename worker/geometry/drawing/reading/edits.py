@@ -148,7 +148,7 @@ class _Desk:
     def _box(self, item: Item) -> Box:
         """Return the box of an item in the file's own coordinates; the item is held, so its id stays its."""
         if id(item) not in self._boxes:
-            self._boxes[id(item)] = (item, self._frame.box(outline(item)))
+            self._boxes[id(item)] = (item, self._frame.boxes([item])[0])
         return self._boxes[id(item)][1]
 
     def _find(self, name: str, items: Sequence[Item], boxes: NDArray[np.float64]) -> Item | None:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -56,12 +56,14 @@ class FileFrame:
         y = points[:, 1] + self.origin[1] if self.top is None else self.top - points[:, 1]
         return np.column_stack([points[:, 0] + self.origin[0], y]) / self.factor
 
-    def box(self, lines: Iterable[NDArray[np.float64]]) -> Box:
-        """Return the smallest box around lines of the reading, in the file's own coordinates."""
-        corners = np.array([(*line.min(axis=0), *line.max(axis=0)) for line in lines])
-        ends = self.to_file(np.stack([corners[:, :2].min(axis=0), corners[:, 2:].max(axis=0)]))
-        (x0, y0), (x1, y1) = ends.min(axis=0), ends.max(axis=0)
-        return float(x0), float(y0), float(x1), float(y1)
+    def boxes(self, items: Sequence[Wall | Column | RemovedStroke]) -> list[Box]:
+        """Return the smallest box around what one sees of each item, in the file's own coordinates."""
+        corners = boxes_around(items)
+        one, other = self.to_file(corners[:, :2]), self.to_file(corners[:, 2:])
+        return [
+            (x0, y0, x1, y1)
+            for x0, y0, x1, y1 in np.hstack([np.minimum(one, other), np.maximum(one, other)]).tolist()
+        ]
 
 
 @dataclass(frozen=True)
@@ -84,9 +86,9 @@ def stroke_ids(reading: Reading) -> StrokeIds:
     frame = FileFrame.of(reading)
     seen: dict[str, int] = {}
     return StrokeIds(
-        tuple(_name("w", frame.box(outline(w)), frame, seen) for w in reading.walls),
-        tuple(_name("c", frame.box(outline(c)), frame, seen) for c in reading.columns),
-        tuple(_name("s", frame.box(outline(r)), frame, seen) for r in reading.removed),
+        tuple(_names("w", frame.boxes(reading.walls), frame, seen)),
+        tuple(_names("c", frame.boxes(reading.columns), frame, seen)),
+        tuple(_names("s", frame.boxes(reading.removed), frame, seen)),
     )
 
 
@@ -95,6 +97,21 @@ def outline(item: Wall | Column | RemovedStroke) -> tuple[NDArray[np.float64], .
     if isinstance(item, Wall):
         return item.faces
     return (item.outline,) if isinstance(item, Column) else item.lines
+
+
+def boxes_around(items: Sequence[Wall | Column | RemovedStroke]) -> NDArray[np.float64]:
+    """Return (N, 4) left, bottom, right, top of what one sees of each item, in the reading's frame."""
+    lines = [outline(item) for item in items]
+    return boxes_of([line for own in lines for line in own], [sum(map(len, own)) for own in lines])
+
+
+def boxes_of(lines: Sequence[NDArray[np.float64]], size: Sequence[int]) -> NDArray[np.float64]:
+    """Return (N, 4) left, bottom, right, top of N runs of the lines' points, each of so many, one or more."""
+    if not size:
+        return np.zeros((0, 4))
+    points, count = np.concatenate(lines), np.array(size)
+    first = np.cumsum(count) - count
+    return np.hstack([np.minimum.reduceat(points, first), np.maximum.reduceat(points, first)])
 
 
 def box_of_id(stroke_id: str) -> Box:
@@ -119,8 +136,10 @@ def turn_of_id(stroke_id: str) -> int:
     return int(turn) if turn else 1
 
 
-def _name(kind: str, box: Box, frame: FileFrame, seen: dict[str, int]) -> str:
+def _names(kind: str, boxes: Sequence[Box], frame: FileFrame, seen: dict[str, int]) -> Iterator[str]:
     decimals = max(0, -math.floor(math.log10(frame.extent / _STEPS)))
-    name = kind + "_".join(f"{round(v, decimals) + 0.0:.{decimals}f}" for v in box)
-    seen[name] = seen.get(name, 0) + 1
-    return name if seen[name] == 1 else f"{name}~{seen[name]}"
+    form, zero = kind + "_".join([f"%.{decimals}f"] * 4), f"{0:.{decimals}f}"
+    for box in boxes:
+        name = (form % box).replace(f"-{zero}", zero)
+        seen[name] = seen.get(name, 0) + 1
+        yield name if seen[name] == 1 else f"{name}~{seen[name]}"

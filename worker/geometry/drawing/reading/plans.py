@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+from itertools import pairwise
+
 import cv2
 import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.findings import Finding
-from worker.geometry.drawing.reading.file_frame import FileFrame
+from worker.geometry.drawing.reading.file_frame import FileFrame, boxes_of
 from worker.geometry.drawing.reading.reading import Reading
 
 _APART = 2.0
@@ -56,8 +58,10 @@ def _groups(reading: Reading, metres: float) -> NDArray[np.float64]:
     cell = max(_CELL / metres, extent / _MOST_CELLS, 1e-9)
     size = np.ceil((points.max(axis=0) - low) / cell).astype(int) + 1
     drawn = np.zeros((int(size[1]), int(size[0])), dtype=np.uint8)
-    for line in [*centres, *_links(reading, _LONGEST_SHARE * extent)]:
-        cv2.polylines(drawn, [_cells(line, low, cell)], isClosed=False, color=1)
+    lines = [*centres, *_links(reading, _LONGEST_SHARE * extent)]
+    end = np.cumsum([len(line) for line in lines]).tolist()
+    cells = _cells(np.concatenate(lines), low, cell)
+    cv2.polylines(drawn, [cells[a:b] for a, b in pairwise([0, *end])], isClosed=False, color=1)
     reach = max(3, round(_APART / metres / cell)) | 1
     _, label = cv2.connectedComponents(cv2.dilate(drawn, np.ones((reach, reach), np.uint8)))
     first = [_cells(c[:1], low, cell)[0] for c in centres]
@@ -74,13 +78,16 @@ def _groups(reading: Reading, metres: float) -> NDArray[np.float64]:
 
 def _links(reading: Reading, longest: float) -> list[NDArray[np.float64]]:
     """Return the strokes that join what they touch to one plan: doors, windows, furniture, stairs ..."""
-    return [
+    lines = [
         line
         for stroke in reading.removed
         if stroke.layer not in _NO_LINK
         for line in stroke.lines
-        if float(np.ptp(line, axis=0).max()) <= longest
+        if len(line)
     ]
+    boxes = boxes_of(lines, [len(line) for line in lines])
+    short = (boxes[:, 2:] - boxes[:, :2]).max(axis=1, initial=0.0) <= longest
+    return [lines[n] for n in np.flatnonzero(short).tolist()]
 
 
 def _cells(line: NDArray[np.float64], low: NDArray[np.float64], cell: float) -> NDArray[np.int32]:
