@@ -7,9 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 from ezdxf.filemanagement import readfile
-from ezdxf.math import Matrix44, bulge_to_arc
-from ezdxf.tools.text import fast_plain_mtext
-from numpy.typing import NDArray
+from ezdxf.math import Matrix44
 
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
@@ -27,8 +25,6 @@ from tests.formats.cad_plans import draw_plan, face_lines, new_drawing, saved
 from worker.formats.drawing import read_drawing_file
 from worker.formats.dwg import load_dwg
 from worker.formats.dxf import load_dxf
-from worker.formats.dxf_bulges import bulged_path
-from worker.formats.dxf_entities import lines_of
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.reading.reading import Reading
 
@@ -304,13 +300,20 @@ def test_a_bomb_of_nested_blocks_is_refused_before_it_is_placed(tmp_path: Path) 
     ("rows", "said"),
     [(30_000, "come to 1800000000 entities; at most 400000"), (700, "more than 2000000 strokes")],
 )
-def test_a_bomb_of_an_array_is_refused_before_it_is_placed(tmp_path: Path, rows: int, said: str) -> None:
+@pytest.mark.parametrize("on_sheet", [False, True])
+def test_a_bomb_of_an_array_is_refused_before_it_is_placed(
+    tmp_path: Path, rows: int, said: str, *, on_sheet: bool
+) -> None:
     doc = new_drawing()
     block = doc.blocks.new("B")
     block.add_circle((0, 0), 1)
     block.add_line((0, 0), (1, 1))
-    grid = {"row_count": rows, "column_count": rows if rows > 700 else 200, "row_spacing": 1}
+    grid = {"row_count": rows, "column_count": rows if rows > 700 else 200}
     doc.modelspace().add_blockref("B", (0, 0), dxfattribs=grid)
+    assert len(load(saved(doc, tmp_path / "pile.dxf")).kind) == 2  # without spacing they lie on each other
+    doc.modelspace().delete_all_entities()
+    layout = doc.paperspace() if on_sheet else doc.modelspace()
+    layout.add_blockref("B", (0, 0), dxfattribs={**grid, "row_spacing": 1, "column_spacing": 1})
     with pytest.raises(DrawingTooComplex, match=said):
         load(saved(doc, tmp_path / "array.dxf"))
 
@@ -325,92 +328,6 @@ def test_entities_that_blocks_multiply_are_counted_and_those_of_the_file_are_not
     assert len(load_dxf(path, bounds=Bounds(max_page_objects=10)).kind) == 20
     with pytest.raises(DrawingTooComplex):
         load_dxf(path, bounds=Bounds(max_page_objects=9))
-
-
-def test_references_place_as_ezdxf_explodes_them(tmp_path: Path) -> None:
-    doc = new_drawing(6)
-    inner, outer = doc.blocks.new("INNER"), doc.blocks.new("OUTER")
-    inner.add_line((0, 0), (3, 1))
-    inner.add_arc((1, 1), 2, 20, 100)
-    outer.add_line((5, 5), (6, 9))
-    outer.add_blockref("INNER", (2, 1), dxfattribs={"rotation": 30, "xscale": 2, "yscale": 2})
-    model = doc.modelspace()
-    for k in range(24):
-        how = {"rotation": 17 * k, "xscale": (-1) ** (k // 2) * (1 + k), "yscale": 1 + k, "zscale": 1 + k}
-        model.add_blockref(("INNER", "OUTER")[k % 2], (10 * k, 7), dxfattribs=how)
-    grid = {"row_count": 2, "column_count": 3, "row_spacing": 4, "column_spacing": 5, "rotation": 40}
-    model.add_blockref("INNER", (0, 50), dxfattribs=grid)
-    drawn = load(saved(doc, tmp_path / "blocks.dxf"))
-    while inserts := list(model.query("INSERT")):
-        for insert in inserts:
-            for one in list(insert.multi_insert()) if insert.mcount > 1 else [insert]:
-                one.explode(target_layout=model)
-            if insert.is_alive:
-                model.delete_entity(insert)
-    flat = load(saved(doc, tmp_path / "exploded.dxf"))
-    assert drawn.arcs is not None
-    assert flat.arcs is not None
-    lines, expected = (d.ends[d.kind[d.entity] == "line"].reshape(-1, 4) for d in (drawn, flat))
-    assert np.allclose(_sorted(lines), _sorted(expected))
-    assert np.allclose(_sorted(drawn.arcs[:, :3]), _sorted(flat.arcs[:, :3]))
-    assert np.allclose(np.abs(drawn.arcs[:, 4]), math.radians(80))
-    assert len(drawn.kind) == len(flat.kind) == 24 + 12 + 12
-
-
-def _sorted(rows: NDArray[np.float64]) -> NDArray[np.float64]:
-    return rows[np.lexsort(np.round(rows, 6).T)]
-
-
-def test_bulges_are_the_arcs_that_ezdxf_computes() -> None:
-    rng = np.random.default_rng(5)
-    vertices = np.column_stack([rng.uniform(-9, 9, (40, 2)), rng.uniform(-3, 3, 40)])
-    vertices[::7, 2] = 0.0
-    vertices[11] = vertices[12] + (0, 0, 1)
-    path, arcs = bulged_path(vertices)
-    expected = [
-        (centre.x, centre.y, radius)
-        for a, b in itertools.pairwise(vertices.tolist())
-        if a[2] and a[:2] != b[:2]
-        for centre, _, _, radius in [bulge_to_arc(a[:2], b[:2], a[2])]
-    ]
-    assert np.allclose(arcs[:, :3], expected)
-    assert np.allclose(arcs[:, 4], [4 * math.atan(a[2]) for a in _bent(vertices)])
-    at = [int(np.flatnonzero((path == vertex[:2]).all(axis=1))[0]) for vertex in vertices]
-    assert at == sorted(at)
-    assert (np.diff(path, axis=0) != 0).any(axis=1).all()
-    owner = [k for k, (a, b) in enumerate(itertools.pairwise(at)) if b > a + 1]
-    for arc, k in zip(arcs, owner, strict=True):
-        away = np.hypot(*(path[at[k] : at[k + 1] + 1] - arc[:2]).T)
-        assert np.allclose(away, arc[2])
-        assert at[k + 1] - at[k] == max(4, math.ceil(abs(arc[4]) / math.tau * 64))
-    with pytest.raises(ValueError, match="bulge"):
-        bulged_path(np.array([[0, 0, math.nan], [1, 0, 0]]))
-
-
-def _bent(vertices: NDArray[np.float64]) -> list[list[float]]:
-    return [a for a, b in itertools.pairwise(vertices.tolist()) if a[2] and a[:2] != b[:2]]
-
-
-@pytest.mark.parametrize(
-    "said",
-    [
-        "ROOM 1\\P12 m2",
-        "{\\fArial|b0;x}\\Py\\\\Pz\\P",
-        "a\\\\\\Pb",
-        "\\P\\Pq",
-        "a^Jb\\Pc",
-        "",
-        "\\S1/2;\\Pxx",
-    ],
-)
-def test_lines_of_a_formatted_text_are_those_of_ezdxf(said: str) -> None:
-    assert lines_of(said) == fast_plain_mtext(said, split=True)
-
-
-def test_a_long_formatted_text_is_read_in_time_that_grows_with_its_length() -> None:
-    said = "\\P".join(["{\\fArial|b0;x}" * 300] * 100)
-    assert lines_of(said) == ["x" * 300] * 100
-    assert len(lines_of("a\\P" * 500)) == 501
 
 
 def test_a_block_within_itself_is_said(tmp_path: Path) -> None:

@@ -3,21 +3,18 @@
 from __future__ import annotations
 
 import io
-import math
 import struct
 from collections import Counter
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-import numpy as np
 from ezdxf import filemanagement, recover
 from ezdxf.document import Drawing
 from ezdxf.entities.dxfgfx import DXFGraphic
 from ezdxf.entities.insert import Insert
 from ezdxf.lldxf.const import DXFError
-from ezdxf.math import Matrix44, Vec3
-from numpy.typing import NDArray
+from ezdxf.math import Matrix44
 
 from service.domain.bounds import Bounds
 from service.domain.errors import (
@@ -30,7 +27,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.dxf_entities import IGNORED, add_entity, dimension_of, style_of
 from worker.formats.dxf_linework import linework_of
-from worker.formats.dxf_parts import Part, PartBuilder, Reference, Style
+from worker.formats.dxf_parts import Part, PartBuilder, Reference, Style, places_of
 from worker.formats.dxf_sheets import sheet_part, title_witness
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.scale.decision import Witness
@@ -165,9 +162,7 @@ class _Reader:
         self._off = {layer.dxf.name.casefold() for layer in doc.layers if layer.is_off() or layer.is_frozen()}
 
     def read(self) -> Linework:
-        model = list(self._doc.modelspace())
-        self._budget(model)
-        part = self._part(model, in_block=False)
+        part = self._layout(self._doc.modelspace())
         witnesses = _header(self._doc)
         findings = self._told()
         if not len(part.ends):
@@ -178,9 +173,7 @@ class _Reader:
     def _from_sheets(self, witnesses: list[Witness]) -> tuple[Part, list[Witness], list[Finding]]:
         """Return what the drawing's sheets show, where its model space is empty."""
         only_references = bool(self._seen.references)
-        sheet = sheet_part(
-            self._doc, lambda entities: self._part(entities, in_block=False), to_model=only_references
-        )
+        sheet = sheet_part(self._doc, self._layout, to_model=only_references)
         if sheet is None and not only_references:
             broken = f"; {self._seen.broken} entities are malformed" if self._seen.broken else ""
             raise FileEmpty(
@@ -207,13 +200,19 @@ class _Reader:
             return PartBuilder(most=0).finish(), witnesses, [finding]
         return sheet, witnesses + title_witness(self._doc, sheet, to_model=only_references), [finding]
 
-    def _budget(self, model: Iterable[DXFGraphic]) -> None:
+    def _layout(self, entities: Iterable[DXFGraphic]) -> Part:
+        """Return the part of the model space or of a sheet, which comes to no more than is read."""
+        listed = list(entities)
+        self._budget(listed)
+        return self._part(listed, in_block=False)
+
+    def _budget(self, listed: Iterable[DXFGraphic]) -> None:
         """Refuse a drawing whose references, placed in each other, come to more entities than are read.
 
         What the file itself lists is bounded by its size: this is what a few bytes multiply.
         """
         most = self._bounds.max_page_objects
-        total = sum(self._count_of(e, ()) - 1 for e in model)
+        total = sum(self._count_of(e, ()) - 1 for e in listed)
         if total > most:
             raise DrawingTooComplex(
                 f"The drawing's blocks, placed in each other, come to {total} entities; at most {most} are "
@@ -267,7 +266,7 @@ class _Reader:
         name = str(insert.dxf.get("name", ""))
         part = self._block(name, above)
         if part is not None and (len(part.ends) or part.texts):
-            at = _grid(insert) if insert.mcount > 1 else None
+            at = places_of(insert) if insert.mcount > 1 else None
             to.add_reference(Reference.of(part, insert.matrix44(), style, at=at))
         for attribute in insert.attribs:
             if not attribute.is_invisible:
@@ -368,18 +367,6 @@ class _Reader:
                 )
             )
         return out
-
-
-def _grid(insert: Insert) -> NDArray[np.float64]:
-    """Return the (N, 2) places of an array of references against its first one."""
-    dxf = insert.dxf
-    columns = np.arange(max(1, dxf.get("column_count", 1))) * float(dxf.get("column_spacing", 0.0))
-    rows = np.arange(max(1, dxf.get("row_count", 1))) * float(dxf.get("row_spacing", 0.0))
-    x, y = (v.ravel() for v in np.meshgrid(columns, rows))
-    turn = math.radians(dxf.get("rotation", 0.0))
-    ocs = insert.ocs()
-    right, up = (ocs.to_wcs(Vec3.from_angle(turn + more)) for more in (0.0, math.pi / 2))
-    return np.column_stack([x * right.x + y * up.x, x * right.y + y * up.y])
 
 
 def _finding(code: str, severity: str, message: str, **members: object) -> Finding:

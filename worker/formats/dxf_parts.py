@@ -9,7 +9,8 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-from ezdxf.math import Matrix44
+from ezdxf.entities.insert import Insert
+from ezdxf.math import Matrix44, Vec3
 from numpy.typing import NDArray
 
 from service.domain.errors import DrawingTooComplex
@@ -205,6 +206,23 @@ class PartBuilder:
                 f"The drawing has more than {self._most} strokes. Save the one floor that is needed.",
                 max_strokes=self._most,
             )
+
+
+def places_of(insert: Insert) -> NDArray[np.float64]:
+    """Return the (N, 2) places of an array of references against its first one, N being its `mcount`."""
+    columns, rows = (_steps(insert, "column"), _steps(insert, "row"))
+    x, y = (v.ravel() for v in np.meshgrid(columns, rows))
+    turn = math.radians(insert.dxf.get("rotation", 0.0))
+    ocs = insert.ocs()
+    right, up = (ocs.to_wcs(Vec3.from_angle(turn + more)) for more in (0.0, math.pi / 2))
+    return np.column_stack([x * right.x + y * up.x, x * right.y + y * up.y])
+
+
+def _steps(insert: Insert, along: str) -> NDArray[np.float64]:
+    """Return where the columns or rows of an array lie; without spacing all are one."""
+    spacing = float(insert.dxf.get(f"{along}_spacing", 0.0))
+    count = insert.dxf.get(f"{along}_count", 1) if spacing else 1
+    return np.arange(max(1, count)) * spacing
 
 
 def joined(parts: Sequence[Part]) -> Part:
