@@ -25,7 +25,7 @@ from service.domain.errors import (
 from service.domain.findings import Finding
 from worker.formats.linework_draft import Box, LineworkDraft
 from worker.formats.pdf_dictionary import PageFacts, read_page_facts
-from worker.formats.pdf_images import check_image
+from worker.formats.pdf_images import check_image, is_coloured
 from worker.formats.pdf_objects import Affine, PageObjects, PageWalk, compose
 from worker.formats.pdf_render import render_sheet
 from worker.formats.pdf_texts import page_texts
@@ -248,7 +248,7 @@ def _load(
         large = [i for i in walk.found.images if _is_large(i.box, view)]
         findings += tuple(f for i in large for f in check_image(i.item, page))
         dpi = max((i.dpi for i in large), default=300.0)
-        coloured = any(i.is_coloured for i in walk.found.images) or len(draft) > 0
+        coloured = len(draft) > 0 or any(is_coloured(i.item, page) for i in large)
         sheet = render_sheet(
             page, size_mm=(view.width, view.height), dpi=dpi, is_coloured=coloured, bounds=bounds, tell=tell
         )

@@ -44,14 +44,13 @@ def moved(m: Affine, x: float, y: float) -> Point:
 
 @dataclass
 class PageImage:
-    """Hold an image on a page: the box that it covers [mm], its pixels an inch, and whether it has colour.
+    """Hold an image on a page: the box that it covers [mm] and its pixels an inch.
 
     `item` is pdfium's own, of the open page.
     """
 
     box: Box
     dpi: float
-    is_coloured: bool
     item: Any
 
 
@@ -287,11 +286,7 @@ class PageWalk:
         across = math.hypot(m[0], m[1])
         if not (box[0] < box[2] and box[1] < box[3] and across > 0):
             return
-        facts = pdfium.FPDF_IMAGEOBJ_METADATA()
-        has = pdfium.FPDFImageObj_GetImageMetadata(item, None, byref(facts))
-        self.found.images.append(
-            PageImage(box, wide.value * 25.4 / across, not has or facts.bits_per_pixel > 8, item)
-        )
+        self.found.images.append(PageImage(box, wide.value * 25.4 / across, item))
 
 
 def _curved(points: list[Point], curves: list[NDArray[np.float64]]) -> tuple[str, list[Arc]]:
