@@ -1,37 +1,48 @@
-"""Every finding of a drawing has its line in the documentation, and the reverse."""
+"""Every finding of a drawing or a scan has its line in the documentation, and the reverse."""
 
 from __future__ import annotations
 
 import ast
 import re
-from pathlib import Path
 
-ROOT = Path(__file__).parents[2]
-PLACES = (ROOT / "worker" / "geometry" / "drawing", ROOT / "worker" / "formats")
-NOT_OF_DRAWINGS = "scan-"
+import pytest
+
+from tests.architecture.sources import ROOT, trees
+
+PAGES = {"drawings.md": False, "scans.md": True}
+"""The pages that list findings, and whether they are those of scans."""
+SCANS = "scan-"
+"""How the codes of a scan's findings begin."""
 MAKERS = {"Finding", "_finding"}
 
 
-def codes_in_code() -> set[str]:
-    """Return the literal codes of all findings that readers of drawings make."""
-    found = set()
-    for path in (path for place in PLACES for path in place.rglob("*.py")):
-        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
-            is_finding = isinstance(node, ast.Call) and getattr(node.func, "id", "") in MAKERS
-            if is_finding and node.args and isinstance(node.args[0], ast.Constant):
-                found.add(str(node.args[0].value))
-    return {code for code in found if not code.startswith(NOT_OF_DRAWINGS)}
+def codes_in_code(*, of_scans: bool) -> set[str]:
+    """Return the literal codes of all findings that readers make."""
+    calls = (node for path, tree in trees().items() if path.startswith("worker/") for node in ast.walk(tree))
+    found = {
+        str(call.args[0].value)
+        for call in calls
+        if isinstance(call, ast.Call)
+        and getattr(call.func, "id", "") in MAKERS
+        and call.args
+        and isinstance(call.args[0], ast.Constant)
+    }
+    return {code for code in found if code.startswith(SCANS) is of_scans}
 
 
-def codes_in_documents() -> set[str]:
-    page = (ROOT / "docs" / "drawings.md").read_text(encoding="utf-8").partition("## Findings")[2]
-    return set(re.findall(r"^\| `([a-z-]+)` \|", page, re.MULTILINE))
+def codes_in_documents(page: str) -> set[str]:
+    told = (ROOT / "docs" / page).read_text(encoding="utf-8").partition("## Findings")[2]
+    return set(re.findall(r"^\| `([a-z-]+)` \|", told, re.MULTILINE))
 
 
-def test_every_finding_is_documented() -> None:
-    assert codes_in_code() - codes_in_documents() == set()
+@pytest.mark.parametrize("page", PAGES)
+def test_every_finding_is_documented(page: str) -> None:
+    made = codes_in_code(of_scans=PAGES[page])
+    assert len(made) > 5
+    assert made - codes_in_documents(page) == set()
 
 
-def test_every_documented_finding_is_made_somewhere() -> None:
-    text = "".join(path.read_text(encoding="utf-8") for place in PLACES for path in place.rglob("*.py"))
-    assert {code for code in codes_in_documents() if f'"{code}"' not in text} == set()
+@pytest.mark.parametrize("page", PAGES)
+def test_every_documented_finding_is_made_somewhere(page: str) -> None:
+    text = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "worker").rglob("*.py"))
+    assert {code for code in codes_in_documents(page) if f'"{code}"' not in text} == set()

@@ -20,9 +20,6 @@ from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.file_scan import FileScan
 from worker.geometry.scan.upright import UprightScan, make_upright
 
-_LARGEST_EXTENT = 500.0
-_SMALLEST_EXTENT = 0.3
-
 
 def load_scan(path: Path, bounds: Bounds | None = None) -> FileScan:
     """Return the points or the mesh of a scan, whatever its name says, in the file's own unit and axes.
