@@ -92,7 +92,7 @@ class LineworkDraft:
         if pen.is_white and not pen.filled:
             self.white += 1
             return
-        if not all(abs(x) < _FARTHEST and abs(y) < _FARTHEST for x, y in points):
+        if points and not _is_near(points):
             self.wild += 1
             return
         if (closed or pen.filled) and len(points) > 2 and points[0] != points[-1]:
@@ -105,10 +105,9 @@ class LineworkDraft:
         else:
             entity = self._entity_for(points, pen=pen, kind=kind, closed=shut)
         window = self._clips.setdefault(clip or self.page, len(self._clips))
-        for (ax, ay), (bx, by) in itertools.pairwise(points):
-            self._ends.extend((ax, ay, bx, by))
-            self._entity.append(entity)
-            self._clip.append(window)
+        self._ends.extend(itertools.chain.from_iterable(map(itertools.chain, points[:-1], points[1:])))
+        self._entity.extend(itertools.repeat(entity, len(points) - 1))
+        self._clip.extend(itertools.repeat(window, len(points) - 1))
         self._last = None if shut or kind else points[-1]
         self.expect(0)
 
@@ -197,6 +196,12 @@ class LineworkDraft:
                 {"strokes": self.wild},
             ),
         )
+
+
+def _is_near(points: Sequence[Point]) -> bool:
+    """Return whether all coordinates are numbers that lie within what is taken."""
+    flat = list(itertools.chain.from_iterable(points))
+    return not math.isnan(sum(flat)) and max(map(abs, flat)) < _FARTHEST
 
 
 def _near(a: Point, b: Point) -> bool:

@@ -19,6 +19,8 @@ _HREFS = ("href", "{http://www.w3.org/1999/xlink}href")
 _DEEPEST, _DEEPEST_CALL = 256, 400
 _STROKES_SHARE, _ELEMENT = 4, 5
 _NUMBER = re.compile(r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?|[zZ]")
+_ARCS = re.compile(r"[aA]([^aAcChHlLmMqQsStTvVzZ]*)")
+_ARC = 4
 _REMOTE = re.compile(r"@import|url\(\s*['\"]?(?:https?:|file:|//)", re.IGNORECASE)
 
 
@@ -50,7 +52,7 @@ def check_svg(path: Path, bounds: Bounds) -> SvgFacts:
         The file.
     bounds : Bounds
         `max_page_bytes` of the file; a quarter of `max_strokes` of its strokes, since each is an
-        object; an element counts as five.
+        object; an element counts as five, and so does an arc beside its numbers, about.
 
     Returns
     -------
@@ -175,6 +177,9 @@ class _Weigher:
 
 
 def _strokes(element: Element) -> int:
-    """Return about how many segments a shape has: half its numbers."""
+    """Return about how many segments a shape has: half its numbers, and more for each arc (of 7 numbers)."""
     shape = element.get("d") or element.get("points")
-    return len(_NUMBER.findall(shape)) // 2 if shape else 0
+    if not shape:
+        return 0
+    arcs = sum(len(_NUMBER.findall(arc)) for arc in _ARCS.findall(shape)) // 7
+    return len(_NUMBER.findall(shape)) // 2 + _ARC * arcs
