@@ -138,6 +138,17 @@ def test_a_hole_is_no_material() -> None:
     assert area.area == pytest.approx(0.1**2 * (40 * 30 - 36 * 26))
 
 
+def test_an_outline_that_crosses_itself_over_and_over_is_no_area() -> None:
+    def area(turns: int) -> object:
+        draft = LineworkDraft(PAGE, most=10_000)
+        angle = np.arange(301) * (2 * np.pi * turns / 301)
+        draft.add([(60 + 40 * np.cos(a), 60 + 40 * np.sin(a)) for a in angle], pen=Pen(filled=True))
+        return entity_area(draft.finish(page_mm_per_unit=1.0), 0, 0.1)
+
+    assert area(1) is not None
+    assert area(150) is None  # every side crosses every other: 45,000 places
+
+
 def test_a_drawn_page_lies_where_its_strokes_are() -> None:
     draft = LineworkDraft(PAGE, most=100)
     draft.add([(100, 50), (200, 50)], pen=Pen(width=1.0))
