@@ -252,6 +252,23 @@ def _nan_spline(doc: ezdxf.document.Drawing) -> None:
     doc.modelspace().add_spline([(0, 0), (1e300, 1e300), (1e154, -1e300), (5, 5)])
 
 
+def _array(doc: ezdxf.document.Drawing, spacing: float) -> None:
+    doc.blocks.new("DOT").add_circle((0, 0), 100)
+    grid = {"row_count": 30_000, "column_count": 30_000, "row_spacing": spacing, "column_spacing": spacing}
+    doc.modelspace().add_blockref("DOT", (5_000, 5_000), dxfattribs=grid)
+
+
+def _arcs() -> bytes:
+    arcs = '<path fill="none" stroke="#000" d="M0 100' + "a1 1 0 0 1 2 0" * _MANY + '"/>'
+    return drawings.MAKERS["svg"]().replace(b"<defs>", arcs.encode() + b"<defs>")
+
+
+def _star(count: int = 6_001) -> bytes:
+    angles = (math.pi * (1 - 1 / count) * k for k in range(count))
+    points = [b"%.3f %.3f" % (200 + 90 * math.cos(a), 100 + 90 * math.sin(a)) for a in angles]
+    return _page(points[0] + b" m " + b" l ".join(points[1:]) + b" l f", b"")
+
+
 KNOWN_DRAWINGS: dict[str, Known] = {
     "PDF form of itself": _drawing(
         lambda: _page(b"/A Do", b"/XObject<</A 6 0 R>>", _form(b"/A Do /A Do", b"/XObject<</A 6 0 R>>")),
@@ -343,5 +360,12 @@ KNOWN_DRAWINGS: dict[str, Known] = {
         ),
         READING,
     ),
+    "DXF array of a pile": _drawing(_dxf_with(lambda doc: _array(doc, 0.0)), READING),
+    "DXF array of 10^9": _drawing(_dxf_with(lambda doc: _array(doc, 1.0)), "drawing-too-complex"),
+    "DXF formatted text of 200,000 codes": _drawing(
+        _dxf_with(lambda doc: doc.modelspace().add_mtext("{\\fArial|b0;x}" * 200_000)), READING
+    ),
+    "SVG of 100,000 arcs": _drawing(_arcs, "drawing-too-complex"),
+    "PDF of a filled star of 6,000 points": _drawing(_star, READING),
 }
 """The drawings, by what they are."""
