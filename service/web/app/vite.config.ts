@@ -24,7 +24,10 @@ function recordSources(): Plugin {
       const hash = createHash("sha256");
       const named = sources(here).map((path) => [relative(here, path), path] as const);
       for (const [name, path] of named.sort(([a], [b]) => (a < b ? -1 : 1))) {
-        hash.update(`${name}\0`).update(createHash("sha256").update(readFileSync(path)).digest("hex")).update("\n");
+        hash
+          .update(`${name}\0`)
+          .update(createHash("sha256").update(readFileSync(path)).digest("hex"))
+          .update("\n");
       }
       writeFileSync(join(here, "dist/sources.sha256"), `${hash.digest("hex")}\n`);
     },

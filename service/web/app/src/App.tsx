@@ -36,11 +36,15 @@ function usePath(): string[] {
 
 function pageOf(path: string[], session: Session) {
   const [first, id, second, third, fourth] = path;
-  if (first === "maps" && id && second === "scans" && third) return <PlacementPage key={third} mapId={id} scanId={third} />;
-  if (first === "maps" && id && second === "drawings" && third) return <DrawingPage key={third} mapId={id} drawingId={third} />;
-  if (first === "maps" && id && second === "revisions" && third) return <RevisionPage key={third} mapId={id} n={Number(third)} />;
+  if (first === "maps" && id && second === "scans" && third)
+    return <PlacementPage key={third} mapId={id} scanId={third} />;
+  if (first === "maps" && id && second === "drawings" && third)
+    return <DrawingPage key={third} mapId={id} drawingId={third} />;
+  if (first === "maps" && id && second === "revisions" && third)
+    return <RevisionPage key={third} mapId={id} n={Number(third)} />;
   if (first === "maps" && id && second === "revise") return <RevisePage mapId={id} />;
-  if (first === "maps" && id && second === "compare") return <ComparePage mapId={id} from={Number(third)} to={Number(fourth)} />;
+  if (first === "maps" && id && second === "compare")
+    return <ComparePage mapId={id} from={Number(third)} to={Number(fourth)} />;
   if (first === "maps" && id) return <MapPage key={id} mapId={id} session={session} />;
   if (first === "jobs") return <Jobs />;
   if (first === "fleet") return <Fleet session={session} />;
@@ -63,14 +67,41 @@ export function App() {
   }, []);
   const tablet = location.pathname === "/tablet";
   const unreachable = error !== null && !(error instanceof Refused);
-  if (tablet && unreachable) return <Suspense fallback={<Loading />}><TabletPage /></Suspense>;
-  if (error) return <main class="narrow"><Failure error={error} /></main>;
-  if (session === undefined) return <main class="narrow"><Loading /></main>;
+  if (tablet && unreachable)
+    return (
+      <Suspense fallback={<Loading />}>
+        <TabletPage />
+      </Suspense>
+    );
+  if (error)
+    return (
+      <main class="narrow">
+        <Failure error={error} />
+      </main>
+    );
+  if (session === undefined)
+    return (
+      <main class="narrow">
+        <Loading />
+      </main>
+    );
   if (session === null) return <SignIn signedIn={setSession} />;
-  if (tablet && session.role !== "robot") return <Suspense fallback={<Loading />}><TabletPage /></Suspense>;
+  if (tablet && session.role !== "robot")
+    return (
+      <Suspense fallback={<Loading />}>
+        <TabletPage />
+      </Suspense>
+    );
   return (
-    <Shell session={session} path={path} signedOut={() => setSession(null)} languageChanged={() => setLanguage((n) => n + 1)}>
-      {session.role === "robot" ? <p>{named("noPage", "robot")}</p> : (
+    <Shell
+      session={session}
+      path={path}
+      signedOut={() => setSession(null)}
+      languageChanged={() => setLanguage((n) => n + 1)}
+    >
+      {session.role === "robot" ? (
+        <p>{named("noPage", "robot")}</p>
+      ) : (
         <Suspense fallback={<Loading />}>{pageOf(path, session)}</Suspense>
       )}
     </Shell>

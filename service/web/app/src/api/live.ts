@@ -16,17 +16,24 @@ export function useLoaded<T>(load: () => Promise<T>, again: readonly unknown[] =
   useEffect(() => {
     let wanted = true;
     underWay.current += 1;
-    load().then(
-      (value) => wanted && setState({ value, error: null }),
-      (error: unknown) => wanted && setState((old) => ({ value: old.value, error })),
-    ).finally(() => { underWay.current -= 1; });
+    load()
+      .then(
+        (value) => wanted && setState({ value, error: null }),
+        (error: unknown) => wanted && setState((old) => ({ value: old.value, error })),
+      )
+      .finally(() => {
+        underWay.current -= 1;
+      });
     return () => {
       wanted = false;
     };
   }, [...again, round]);
   useEffect(() => {
     if (everyMs === undefined) return;
-    const timer = setInterval(() => document.visibilityState === "visible" && underWay.current === 0 && reload(), everyMs);
+    const timer = setInterval(
+      () => document.visibilityState === "visible" && underWay.current === 0 && reload(),
+      everyMs,
+    );
     return () => clearInterval(timer);
   }, [everyMs]);
   return { ...state, reload };

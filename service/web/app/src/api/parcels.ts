@@ -50,19 +50,30 @@ async function withStore<T>(mode: IDBTransactionMode, act: (store: IDBObjectStor
 export const kept = (): Promise<Parcel[]> => withStore("readonly", (store) => store.getAll() as IDBRequest<Parcel[]>);
 
 /** A parcel as it was kept last. */
-export const latest = (parcel: Parcel): Promise<Parcel | undefined> => withStore("readonly", (store) => store.get(parcel.made) as IDBRequest<Parcel | undefined>);
+export const latest = (parcel: Parcel): Promise<Parcel | undefined> =>
+  withStore("readonly", (store) => store.get(parcel.made) as IDBRequest<Parcel | undefined>);
 
 /** Keep what has become of a parcel; one that found no room when it was made lives in the open page alone. */
 export async function keep(parcel: Parcel): Promise<void> {
   if (parcel.isKept) await withStore("readwrite", (store) => store.put(parcel));
 }
 
-export const forget = (parcel: Parcel): Promise<unknown> => withStore("readwrite", (store) => store.delete(parcel.made));
+export const forget = (parcel: Parcel): Promise<unknown> =>
+  withStore("readwrite", (store) => store.delete(parcel.made));
 
 /** Make a parcel and keep it; `isKept` tells whether the tablet had room for it. */
 export async function newParcel(mapId: string, file: File, rough: Rough | null): Promise<Parcel> {
   const parcel = {
-    mapId, name: file.name, size: file.size, file, rough, once: onceKey(), made: Date.now(), location: null, scanId: null, isKept: true,
+    mapId,
+    name: file.name,
+    size: file.size,
+    file,
+    rough,
+    once: onceKey(),
+    made: Date.now(),
+    location: null,
+    scanId: null,
+    isKept: true,
   };
   try {
     await keep(parcel);

@@ -19,8 +19,15 @@ const encoded = (text: string): string => btoa(String.fromCharCode(...new TextEn
 async function begin(parcel: Parcel, signal: AbortSignal): Promise<Parcel> {
   const options = parcel.rough ? JSON.stringify({ rough_pose: parcel.rough }) : "{}";
   const said = { map_id: parcel.mapId, kind: "scan", filename: parcel.name, options };
-  const metadata = Object.entries(said).map(([name, text]) => `${name} ${encoded(text)}`).join(",");
-  const headers = { ...TUS, "Upload-Length": String(parcel.size), "Upload-Metadata": metadata, "Idempotency-Key": parcel.once };
+  const metadata = Object.entries(said)
+    .map(([name, text]) => `${name} ${encoded(text)}`)
+    .join(",");
+  const headers = {
+    ...TUS,
+    "Upload-Length": String(parcel.size),
+    "Upload-Metadata": metadata,
+    "Idempotency-Key": parcel.once,
+  };
   const answer = await send("POST", "/v1/tus", { headers, signal });
   const location = new URL(answer.headers.get("Location")!, globalThis.location.href).pathname;
   signal.throwIfAborted();
@@ -41,12 +48,17 @@ async function sendPieces(parcel: Parcel, watch: Watch, signal: AbortSignal): Pr
     const body = parcel.file!.slice(offset, offset + PIECE_BYTES);
     const headers = { ...TUS, "Upload-Offset": String(offset), "Content-Type": "application/offset+octet-stream" };
     // A tablet out of reach may never be told that its connection is gone; what came of the piece counts.
-    answer = await send("PATCH", place, { headers, body, signal: AbortSignal.any([signal, AbortSignal.timeout(PIECE_TIME_MS)]) });
+    answer = await send("PATCH", place, {
+      headers,
+      body,
+      signal: AbortSignal.any([signal, AbortSignal.timeout(PIECE_TIME_MS)]),
+    });
   }
 }
 
 const isGone = (cause: unknown) => cause instanceof Refused && [404, 410].includes(cause.status);
-const isPassing = (cause: unknown) => !(cause instanceof Refused) || [408, 409, 423].includes(cause.status) || cause.status >= 500;
+const isPassing = (cause: unknown) =>
+  !(cause instanceof Refused) || [408, 409, 423].includes(cause.status) || cause.status >= 500;
 
 async function deliverNow(parcel: Parcel, watch: Watch, signal: AbortSignal): Promise<string> {
   let now = parcel;

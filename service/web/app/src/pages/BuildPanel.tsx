@@ -26,7 +26,9 @@ export function BuildPanel({ mapId, drawingId, blocked }: BuildPanelProps) {
     setMade(null);
     try {
       const recipe = { voxel_size_m: voxel, wall_height_m: height, ...flat };
-      const body = base ? { base: base.n, operations: [{ op: "set-drawing", drawing_id: drawingId }] } : { drawing_id: drawingId, recipe };
+      const body = base
+        ? { base: base.n, operations: [{ op: "set-drawing", drawing_id: drawingId }] }
+        : { drawing_id: drawingId, recipe };
       const asked = await post<Schemas["RevisionWithJob"]>(`/v1/maps/${mapId}/revisions`, body);
       setJob(asked.job);
       const ended = await follow(asked.job, setJob);
@@ -43,19 +45,56 @@ export function BuildPanel({ mapId, drawingId, blocked }: BuildPanelProps) {
     <section class="card" aria-label={t("draw.build")}>
       <h2>{t("draw.build")}</h2>
       <form onSubmit={(event) => void build(event)}>
-        {base ? <p class="quiet">{t("draw.under")} {base.n}.</p> : (
+        {base ? (
+          <p class="quiet">
+            {t("draw.under")} {base.n}.
+          </p>
+        ) : (
           <>
-            <label>{t("draw.voxel")}<input type="number" min={0.005} max={5} step={0.005} value={voxel} onInput={(event) => setVoxel(event.currentTarget.valueAsNumber)} /></label>
-            <label>{t("draw.height")}<input type="number" min={0.1} max={100} step={0.1} value={height} onInput={(event) => setHeight(event.currentTarget.valueAsNumber)} /></label>
+            <label>
+              {t("draw.voxel")}
+              <input
+                type="number"
+                min={0.005}
+                max={5}
+                step={0.005}
+                value={voxel}
+                onInput={(event) => setVoxel(event.currentTarget.valueAsNumber)}
+              />
+            </label>
+            <label>
+              {t("draw.height")}
+              <input
+                type="number"
+                min={0.1}
+                max={100}
+                step={0.1}
+                value={height}
+                onInput={(event) => setHeight(event.currentTarget.valueAsNumber)}
+              />
+            </label>
             {(["floor", "ceiling"] as const).map((name) => (
-              <label key={name} class="line"><input type="checkbox" checked={flat[name]} onChange={(event) => setFlat({ ...flat, [name]: event.currentTarget.checked })} />{t(`draw.${name}`)}</label>
+              <label key={name} class="line">
+                <input
+                  type="checkbox"
+                  checked={flat[name]}
+                  onChange={(event) => setFlat({ ...flat, [name]: event.currentTarget.checked })}
+                />
+                {t(`draw.${name}`)}
+              </label>
             ))}
           </>
         )}
         {job && <Progress job={job} />}
         <Failure error={error ?? latest.error} />
-        <button class="primary big" disabled={blocked || job !== null || !(voxel > 0) || !(height > 0)}>{t("draw.build")}</button>
-        {made !== null && <p class="done" role="status">{t("place.made")} <a href={`#/maps/${mapId}`}>{made}</a></p>}
+        <button class="primary big" disabled={blocked || job !== null || !(voxel > 0) || !(height > 0)}>
+          {t("draw.build")}
+        </button>
+        {made !== null && (
+          <p class="done" role="status">
+            {t("place.made")} <a href={`#/maps/${mapId}`}>{made}</a>
+          </p>
+        )}
       </form>
     </section>
   );

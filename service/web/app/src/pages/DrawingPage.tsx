@@ -6,7 +6,20 @@ import { named, t } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
 import { SheetTiles } from "../view/SheetTiles";
 import { SheetView, type Mark } from "../view/SheetView";
-import { isHidden, isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Edit, type Point, type Reading, type Stroke, type StrokeLayer } from "../view/sheet";
+import {
+  isHidden,
+  isKept,
+  KEPT,
+  loadStrokes,
+  mostlyInside,
+  toDrawing,
+  toFile,
+  type Edit,
+  type Point,
+  type Reading,
+  type Stroke,
+  type StrokeLayer,
+} from "../view/sheet";
 import { BuildPanel } from "./BuildPanel";
 import { StrokeLayers } from "./StrokeLayers";
 import { ScalePanel, type KnownLength } from "./ScalePanel";
@@ -15,7 +28,13 @@ const TOOLS = ["pan", "keep", "drop", "addWall", "erase", "include", "exclude", 
 type Tool = (typeof TOOLS)[number];
 const LASSOS: readonly Tool[] = ["keep", "drop", "erase", "include", "exclude"];
 const SET_ASIDE = "other";
-const COLOURS: Record<string, string> = { include: "#1c8048", exclude: "#cd2828", "erase-walls": "#cd2828", "add-wall": "#0b5cad", move: "#8a5000" };
+const COLOURS: Record<string, string> = {
+  include: "#1c8048",
+  exclude: "#cd2828",
+  "erase-walls": "#cd2828",
+  "add-wall": "#0b5cad",
+  move: "#8a5000",
+};
 
 interface Open {
   drawing: Drawing;
@@ -33,7 +52,15 @@ async function open(drawingId: string): Promise<Open> {
 function marksOf(edits: readonly Edit[], reading: Reading): Mark[] {
   return edits.flatMap((edit) => {
     const shape = edit.action === "add-wall" ? edit.line : edit.within;
-    return shape ? [{ ring: shape.map((at) => toDrawing(reading, at)), closed: edit.action !== "add-wall", colour: COLOURS[edit.action]! }] : [];
+    return shape
+      ? [
+          {
+            ring: shape.map((at) => toDrawing(reading, at)),
+            closed: edit.action !== "add-wall",
+            colour: COLOURS[edit.action]!,
+          },
+        ]
+      : [];
   });
 }
 
@@ -41,7 +68,8 @@ const wordsOf = (edit: Edit): string =>
   edit.action === "move" ? (edit.to === "wall" ? t("draw.keep") : t("draw.drop")) : named("edit", edit.action);
 
 /** Corrections as a text that does not depend on the order of their members. */
-const textOf = (edits: readonly Edit[]): string => JSON.stringify(edits, ["action", "to", "strokes", "within", "of", "line", "thickness_m"]);
+const textOf = (edits: readonly Edit[]): string =>
+  JSON.stringify(edits, ["action", "to", "strokes", "within", "of", "line", "thickness_m"]);
 
 /** The corrections, each step of which can be taken back and done again. */
 function useEdits(said: readonly Edit[]) {
@@ -65,9 +93,12 @@ const MOST_STROKES = 1000;
 
 /** What a person drew around, as a correction: by layers, or stroke by stroke where some of a layer are hidden. */
 function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[], named: string[] | null): Edit {
-  if (named && (tool === "keep" || tool === "drop")) return { action: "move", strokes: named, to: tool === "keep" ? "wall" : SET_ASIDE };
-  if (tool === "keep") return { action: "move", within, of: shown.filter((layer) => !KEPT.includes(layer)), to: "wall" };
-  if (tool === "drop") return { action: "move", within, of: shown.filter((layer) => KEPT.includes(layer)), to: SET_ASIDE };
+  if (named && (tool === "keep" || tool === "drop"))
+    return { action: "move", strokes: named, to: tool === "keep" ? "wall" : SET_ASIDE };
+  if (tool === "keep")
+    return { action: "move", within, of: shown.filter((layer) => !KEPT.includes(layer)), to: "wall" };
+  if (tool === "drop")
+    return { action: "move", within, of: shown.filter((layer) => KEPT.includes(layer)), to: SET_ASIDE };
   return { action: tool === "erase" ? "erase-walls" : (tool as "include" | "exclude"), within };
 }
 
@@ -86,9 +117,21 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
   const unsaved = textOf(edits) !== textOf(said);
   const lit = useMemo(() => {
     const fresh = edits.slice(said.length).flatMap((edit) => (edit.action === "move" && edit.within ? [edit] : []));
-    const rings = fresh.map((edit) => ({ of: edit.of ?? layers, ring: edit.within!.map((at) => toDrawing(reading, at)) }));
-    const called = new Set(edits.slice(said.length).flatMap((edit) => (edit.action === "move" ? (edit.strokes ?? []) : [])));
-    return new Set(strokes.filter((one) => called.has(one.id) || rings.some(({ of, ring }) => of.includes(one.layer) && mostlyInside(one, ring))).map((one) => one.id));
+    const rings = fresh.map((edit) => ({
+      of: edit.of ?? layers,
+      ring: edit.within!.map((at) => toDrawing(reading, at)),
+    }));
+    const called = new Set(
+      edits.slice(said.length).flatMap((edit) => (edit.action === "move" ? (edit.strokes ?? []) : [])),
+    );
+    return new Set(
+      strokes
+        .filter(
+          (one) =>
+            called.has(one.id) || rings.some(({ of, ring }) => of.includes(one.layer) && mostlyInside(one, ring)),
+        )
+        .map((one) => one.id),
+    );
   }, [edits, strokes]);
 
   const heard = useRef({ tapped: (_: Point) => {}, drawn: (_: Point[]) => {} });
@@ -102,20 +145,42 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
       } else setClicks(next);
     },
     drawn: (ring) => {
-      const inside = strokes.filter((one) => !isHidden(one, hidden) && isKept(one) === (tool === "drop") && mostlyInside(one, ring)).map((one) => one.id);
-      const byName = [...hidden].some((name) => !layers.includes(name as StrokeLayer)) && inside.length > 0 && inside.length <= MOST_STROKES;
-      add(editFrom(tool, ring.map((at) => toFile(reading, at)), layers.filter((layer) => !hidden.has(layer)), byName ? inside : null));
+      const inside = strokes
+        .filter((one) => !isHidden(one, hidden) && isKept(one) === (tool === "drop") && mostlyInside(one, ring))
+        .map((one) => one.id);
+      const byName =
+        [...hidden].some((name) => !layers.includes(name as StrokeLayer)) &&
+        inside.length > 0 &&
+        inside.length <= MOST_STROKES;
+      add(
+        editFrom(
+          tool,
+          ring.map((at) => toFile(reading, at)),
+          layers.filter((layer) => !hidden.has(layer)),
+          byName ? inside : null,
+        ),
+      );
     },
   };
   useLayoutEffect(() => {
-    const made = new SheetView(canvas.current!, reading.sheet, { tapped: (at) => heard.current.tapped(at), drawn: (ring) => heard.current.drawn(ring) });
+    const made = new SheetView(canvas.current!, reading.sheet, {
+      tapped: (at) => heard.current.tapped(at),
+      drawn: (ring) => heard.current.drawn(ring),
+    });
     view.current = made;
     return () => made.leave();
   }, [reading]);
   useLayoutEffect(() => view.current?.show(strokes, hidden, lit), [reading, strokes, hidden, lit]);
   useLayoutEffect(() => view.current?.under(pixels ? tiles : null), [reading, tiles, pixels]);
   useLayoutEffect(() => () => tiles?.leave(), [tiles]);
-  useLayoutEffect(() => view.current?.mark([...marksOf(edits, reading), ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : [])]), [reading, edits, clicks]);
+  useLayoutEffect(
+    () =>
+      view.current?.mark([
+        ...marksOf(edits, reading),
+        ...(clicks.length ? [{ ring: clicks, closed: false, colour: "#d4006a" }] : []),
+      ]),
+    [reading, edits, clicks],
+  );
   const restart = () => {
     view.current!.draws(LASSOS.includes(tool));
     setClicks([]);
@@ -139,8 +204,21 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
   };
   const keyed = (event: KeyboardEvent) => {
     const far = event.shiftKey ? 0.01 : 0.1;
-    const step = { ArrowLeft: [far, 0, 1], ArrowRight: [-far, 0, 1], ArrowUp: [0, far, 1], ArrowDown: [0, -far, 1], "+": [0, 0, 1.25], "-": [0, 0, 0.8] }[event.key];
-    const act = step ? () => view.current?.step(step[0]!, step[1]!, step[2]!) : event.key === "Enter" ? () => view.current?.press() : event.key === "Escape" ? restart : null;
+    const step = {
+      ArrowLeft: [far, 0, 1],
+      ArrowRight: [-far, 0, 1],
+      ArrowUp: [0, far, 1],
+      ArrowDown: [0, -far, 1],
+      "+": [0, 0, 1.25],
+      "-": [0, 0, 0.8],
+    }[event.key];
+    const act = step
+      ? () => view.current?.step(step[0]!, step[1]!, step[2]!)
+      : event.key === "Enter"
+        ? () => view.current?.press()
+        : event.key === "Escape"
+          ? restart
+          : null;
     if (!act) return;
     event.preventDefault();
     if (tool !== "pan") view.current?.aim(true);
@@ -166,19 +244,49 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
     <div class="workplace">
       <div class="stack">
         <div class="choices" role="group" aria-label={t("draw.tools")}>
-          {TOOLS.map((one) => <button key={one} type="button" aria-pressed={tool === one} onClick={() => setTool(one)}>{t(`draw.${one}`)}</button>)}
+          {TOOLS.map((one) => (
+            <button key={one} type="button" aria-pressed={tool === one} onClick={() => setTool(one)}>
+              {t(`draw.${one}`)}
+            </button>
+          ))}
         </div>
         <div class="stage">
-          <canvas ref={canvas} class={`sheet ${tool === "pan" ? "" : "crossed"}`} tabIndex={0} role="application" aria-label={t("draw.title")} onKeyDown={keyed} onBlur={() => view.current?.aim(false)} />
+          <canvas
+            ref={canvas}
+            class={`sheet ${tool === "pan" ? "" : "crossed"}`}
+            tabIndex={0}
+            role="application"
+            aria-label={t("draw.title")}
+            onKeyDown={keyed}
+            onBlur={() => view.current?.aim(false)}
+          />
           <div class="choices over">
-            <button type="button" aria-label={t("draw.nearer")} onClick={() => view.current?.step(0, 0, 1.4)}>+</button>
-            <button type="button" aria-label={t("draw.farther")} onClick={() => view.current?.step(0, 0, 1 / 1.4)}>−</button>
-            <button type="button" onClick={() => view.current?.fit()}>{t("draw.fit")}</button>
-            {tiles && <button type="button" aria-pressed={pixels} onClick={() => setPixels(!pixels)}>{t("draw.pixels")}</button>}
+            <button type="button" aria-label={t("draw.nearer")} onClick={() => view.current?.step(0, 0, 1.4)}>
+              +
+            </button>
+            <button type="button" aria-label={t("draw.farther")} onClick={() => view.current?.step(0, 0, 1 / 1.4)}>
+              −
+            </button>
+            <button type="button" onClick={() => view.current?.fit()}>
+              {t("draw.fit")}
+            </button>
+            {tiles && (
+              <button type="button" aria-pressed={pixels} onClick={() => setPixels(!pixels)}>
+                {t("draw.pixels")}
+              </button>
+            )}
           </div>
         </div>
         {tool !== "pan" && <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoKeys") : t("draw.keys")}</p>}
-        <p class="quiet">{LASSOS.includes(tool) ? t("draw.lassoHelp") : tool === "scale" ? t("draw.scaleHelp") : tool === "addWall" ? t("draw.wallHelp") : t("draw.panHelp")}</p>
+        <p class="quiet">
+          {LASSOS.includes(tool)
+            ? t("draw.lassoHelp")
+            : tool === "scale"
+              ? t("draw.scaleHelp")
+              : tool === "addWall"
+                ? t("draw.wallHelp")
+                : t("draw.panHelp")}
+        </p>
       </div>
       <aside class="stack">
         <div aria-live="polite" class="stack">
@@ -188,23 +296,54 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
         <section class="card" aria-label={t("draw.corrections")}>
           <h2>{t("draw.corrections")}</h2>
           {edits.length === 0 && <p class="quiet">{t("draw.noCorrections")}</p>}
-          <ol class="reasons">{edits.map((edit, k) => <li key={k}>{wordsOf(edit)}</li>)}</ol>
+          <ol class="reasons">
+            {edits.map((edit, k) => (
+              <li key={k}>{wordsOf(edit)}</li>
+            ))}
+          </ol>
           <div class="chips">
-            <button type="button" disabled={!undo} onClick={undo} aria-keyshortcuts="Control+Z" title="Ctrl+Z">{t("draw.undo")}</button>
-            <button type="button" disabled={!redo} onClick={redo} aria-keyshortcuts="Control+Y" title="Ctrl+Y">{t("draw.redo")}</button>
-            <button class="primary" type="button" disabled={!unsaved || job !== null} onClick={() => void change({ edits: [...edits] })}>{t("draw.save")}</button>
+            <button type="button" disabled={!undo} onClick={undo} aria-keyshortcuts="Control+Z" title="Ctrl+Z">
+              {t("draw.undo")}
+            </button>
+            <button type="button" disabled={!redo} onClick={redo} aria-keyshortcuts="Control+Y" title="Ctrl+Y">
+              {t("draw.redo")}
+            </button>
+            <button
+              class="primary"
+              type="button"
+              disabled={!unsaved || job !== null}
+              onClick={() => void change({ edits: [...edits] })}
+            >
+              {t("draw.save")}
+            </button>
           </div>
         </section>
-        <ScalePanel scale={reading.scale} clicks={clicks.length} measuring={tool === "scale"} busy={job !== null}
-          measured={(length) => void change({ scale: { known_length: measured(length) } })} chosen={(metres) => void change({ scale: { metres_per_unit: metres } })} />
+        <ScalePanel
+          scale={reading.scale}
+          clicks={clicks.length}
+          measuring={tool === "scale"}
+          busy={job !== null}
+          measured={(length) => void change({ scale: { known_length: measured(length) } })}
+          chosen={(metres) => void change({ scale: { metres_per_unit: metres } })}
+        />
         <StrokeLayers strokes={strokes} hidden={hidden} setHidden={setHidden} />
         {reading.findings.length > 0 && (
           <section class="card" aria-label={t("draw.findings")}>
             <h2>{t("draw.findings")}</h2>
-            <ul class="reasons">{reading.findings.map((one, k) => <li key={k} class={one.severity}>{one.message}</li>)}</ul>
+            <ul class="reasons">
+              {reading.findings.map((one, k) => (
+                <li key={k} class={one.severity}>
+                  {one.message}
+                </li>
+              ))}
+            </ul>
           </section>
         )}
-        <BuildPanel mapId={mapId} drawingId={drawing.id} blocked={unsaved || job !== null || !strokes.some(isKept) || reading.scale.metres_per_unit === null} />
+        <BuildPanel
+          mapId={mapId}
+          drawingId={drawing.id}
+          blocked={unsaved || job !== null || !strokes.some(isKept) || reading.scale.metres_per_unit === null}
+        />
       </aside>
     </div>
   );
@@ -221,10 +360,22 @@ export default function DrawingPage({ mapId, drawingId }: { mapId: string; drawi
       <div class="title">
         <h1>{t("draw.title")}</h1>
         {value && <span class="quiet">{value.drawing.file_name}</span>}
-        {value?.reading && <span class="quiet">{t("draw.confidence")}: {Math.round(value.reading.confidence * 100)} %</span>}
-        <span class="spread" /><a class="button" href={`#/maps/${mapId}`}>{t("tablet.back")}</a>
+        {value?.reading && (
+          <span class="quiet">
+            {t("draw.confidence")}: {Math.round(value.reading.confidence * 100)} %
+          </span>
+        )}
+        <span class="spread" />
+        <a class="button" href={`#/maps/${mapId}`}>
+          {t("tablet.back")}
+        </a>
       </div>
-      <Failure error={error ?? (value && !value.reading && value.drawing.job.problem ? new Error(value.drawing.job.problem.detail) : null)} />
+      <Failure
+        error={
+          error ??
+          (value && !value.reading && value.drawing.job.problem ? new Error(value.drawing.job.problem.detail) : null)
+        }
+      />
       {!value && !error && <Loading />}
       {running && <p class="none">{t("draw.reading")}…</p>}
       {value?.reading && <Editor {...value} reading={value.reading} mapId={mapId} reload={reload} />}

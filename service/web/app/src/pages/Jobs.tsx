@@ -16,13 +16,22 @@ function JobDetails({ job, close }: { job: Job; close: () => void }) {
         <div class="failure">
           <strong>{job.problem.title}</strong>
           <p>{job.problem.detail}</p>
-          <a href={job.problem.type} target="_blank" rel="noreferrer">{t("more")}</a>
+          <a href={job.problem.type} target="_blank" rel="noreferrer">
+            {t("more")}
+          </a>
         </div>
       )}
       <dl>
-        <dt>Id</dt><dd><code>{job.id}</code></dd>
-        <dt>{t("jobs.subject")}</dt><dd><code>{job.subject_id}</code></dd>
-        <dt>{t("jobs.started")}</dt><dd>{whenText(job.created_at)}</dd>
+        <dt>Id</dt>
+        <dd>
+          <code>{job.id}</code>
+        </dd>
+        <dt>{t("jobs.subject")}</dt>
+        <dd>
+          <code>{job.subject_id}</code>
+        </dd>
+        <dt>{t("jobs.started")}</dt>
+        <dd>{whenText(job.created_at)}</dd>
       </dl>
     </Dialog>
   );
@@ -43,14 +52,40 @@ export function Jobs() {
     }
   };
   const columns: Column<Job>[] = [
-    { name: t("jobs.kind"), width: "minmax(9rem, 1.2fr)", show: (job) => <button class="link" type="button" onClick={() => setShown(job)}>{named("kind", job.kind)}</button> },
+    {
+      name: t("jobs.kind"),
+      width: "minmax(9rem, 1.2fr)",
+      show: (job) => (
+        <button class="link" type="button" onClick={() => setShown(job)}>
+          {named("kind", job.kind)}
+        </button>
+      ),
+    },
     { name: t("jobs.state"), width: "7rem", show: (job) => <StateChip job={job} /> },
-    { name: t("jobs.stage"), width: "minmax(8rem, 2fr)", show: (job) => job.problem?.detail ?? (job.state === "running" ? `${job.stage ?? ""} ${Math.round(job.fraction * 100)} %` : job.stage ?? "") },
+    {
+      name: t("jobs.stage"),
+      width: "minmax(8rem, 2fr)",
+      show: (job) =>
+        job.problem?.detail ??
+        (job.state === "running" ? `${job.stage ?? ""} ${Math.round(job.fraction * 100)} %` : (job.stage ?? "")),
+    },
     { name: t("jobs.started"), width: "11rem", show: (job) => whenText(job.created_at) },
     {
-      name: "", width: "8rem", show: (job) => {
-        if (!isFinal(job)) return <button type="button" disabled={job.cancel_requested} onClick={() => void act(job, "cancel")}>{t("jobs.cancel")}</button>;
-        if (job.state === "failed" || job.state === "cancelled") return <button type="button" onClick={() => void act(job, "retry")}>{t("jobs.retry")}</button>;
+      name: "",
+      width: "8rem",
+      show: (job) => {
+        if (!isFinal(job))
+          return (
+            <button type="button" disabled={job.cancel_requested} onClick={() => void act(job, "cancel")}>
+              {t("jobs.cancel")}
+            </button>
+          );
+        if (job.state === "failed" || job.state === "cancelled")
+          return (
+            <button type="button" onClick={() => void act(job, "retry")}>
+              {t("jobs.retry")}
+            </button>
+          );
         return null;
       },
     },
@@ -61,12 +96,22 @@ export function Jobs() {
         <h1>{t("nav.jobs")}</h1>
         <div class="choices" role="group" aria-label={t("jobs.state")}>
           {["", ...STATES].map((one) => (
-            <button key={one} type="button" aria-pressed={state === one} onClick={() => setState(one)}>{one ? named("state", one) : t("jobs.all")}</button>
+            <button key={one} type="button" aria-pressed={state === one} onClick={() => setState(one)}>
+              {one ? named("state", one) : t("jobs.all")}
+            </button>
           ))}
         </div>
       </div>
       <Failure error={error} />
-      <Rows key={state} label={t("nav.jobs")} path={`/v1/jobs${state ? `?state=${state}` : ""}`} columns={columns} keyOf={(job) => job.id} refresh={round} none={t("jobs.none")} />
+      <Rows
+        key={state}
+        label={t("nav.jobs")}
+        path={`/v1/jobs${state ? `?state=${state}` : ""}`}
+        columns={columns}
+        keyOf={(job) => job.id}
+        refresh={round}
+        none={t("jobs.none")}
+      />
       {shown && <JobDetails job={shown} close={() => setShown(null)} />}
     </>
   );

@@ -11,8 +11,12 @@ function Made({ secret }: { secret: string }) {
   return (
     <>
       <p>{t("keys.once")}</p>
-      <p><code class="secret">{secret}</code></p>
-      <button type="button" onClick={copy}>{copied ? t("keys.copied") : t("keys.copy")}</button>
+      <p>
+        <code class="secret">{secret}</code>
+      </p>
+      <button type="button" onClick={copy}>
+        {copied ? t("keys.copied") : t("keys.copy")}
+      </button>
     </>
   );
 }
@@ -34,18 +38,39 @@ function NewKey({ close }: { close: () => void }) {
   };
   return (
     <Dialog title={t("keys.new")} close={close}>
-      {secret ? <Made secret={secret} /> : (
+      {secret ? (
+        <Made secret={secret} />
+      ) : (
         <form onSubmit={(event) => void submit(event)}>
-          <label>{t("keys.name")}<input name="name" required maxlength={200} autofocus /></label>
-          <label>{t("keys.role")}<select name="role">{["tablet", "robot", "admin"].map((role) => <option key={role} value={role}>{named("role", role)}</option>)}</select></label>
-          <label>{t("keys.maps")}
+          <label>
+            {t("keys.name")}
+            <input name="name" required maxlength={200} autofocus />
+          </label>
+          <label>
+            {t("keys.role")}
+            <select name="role">
+              {["tablet", "robot", "admin"].map((role) => (
+                <option key={role} value={role}>
+                  {named("role", role)}
+                </option>
+              ))}
+            </select>
+          </label>
+          <label>
+            {t("keys.maps")}
             <select name="map">
               <option value="">{t("keys.allMaps")}</option>
-              {maps.value?.map((map) => <option key={map.id} value={map.id}>{map.site} · {map.name}</option>)}
+              {maps.value?.map((map) => (
+                <option key={map.id} value={map.id}>
+                  {map.site} · {map.name}
+                </option>
+              ))}
             </select>
           </label>
           <Failure error={error} />
-          <button class="primary" type="submit">{t("keys.make")}</button>
+          <button class="primary" type="submit">
+            {t("keys.make")}
+          </button>
         </form>
       )}
     </Dialog>
@@ -67,22 +92,48 @@ export function Keys() {
     { name: t("keys.role"), width: "7rem", show: (key) => named("role", key.role) },
     { name: t("keys.maps"), width: "7rem", show: (key) => key.map_ids?.length ?? t("keys.allMaps") },
     { name: t("keys.made"), width: "11rem", show: (key) => whenText(key.created_at) },
-    { name: t("keys.state"), width: "7rem", show: (key) => key.revoked_at ? <Chip tone="bad">{t("keys.revoked")}</Chip> : <Chip tone="good">{t("keys.valid")}</Chip> },
-    { name: "", width: "8rem", show: (key) => key.revoked_at ? null : <button type="button" onClick={() => setRevoking(key)}>{t("keys.revoke")}</button> },
+    {
+      name: t("keys.state"),
+      width: "7rem",
+      show: (key) =>
+        key.revoked_at ? <Chip tone="bad">{t("keys.revoked")}</Chip> : <Chip tone="good">{t("keys.valid")}</Chip>,
+    },
+    {
+      name: "",
+      width: "8rem",
+      show: (key) =>
+        key.revoked_at ? null : (
+          <button type="button" onClick={() => setRevoking(key)}>
+            {t("keys.revoke")}
+          </button>
+        ),
+    },
   ];
   return (
     <>
       <div class="title">
-        <h1>{t("nav.keys")}</h1><span class="spread" />
-        <button class="primary" type="button" onClick={() => setMaking(true)}>{t("keys.new")}</button>
+        <h1>{t("nav.keys")}</h1>
+        <span class="spread" />
+        <button class="primary" type="button" onClick={() => setMaking(true)}>
+          {t("keys.new")}
+        </button>
       </div>
       <Failure error={error} />
       <Rows label={t("nav.keys")} path="/v1/keys" columns={columns} keyOf={(key) => key.id} refresh={round} />
-      {making && <NewKey close={() => { setMaking(false); changed(); }} />}
+      {making && (
+        <NewKey
+          close={() => {
+            setMaking(false);
+            changed();
+          }}
+        />
+      )}
       {revoking && (
         <Dialog title={revoking.name} close={() => setRevoking(null)}>
           <p>{t("keys.sure")}</p>
-          <button class="danger" type="button" onClick={() => void revoke(revoking)}>{t("keys.revoke")}</button>
+          <button class="danger" type="button" onClick={() => void revoke(revoking)}>
+            {t("keys.revoke")}
+          </button>
         </Dialog>
       )}
     </>

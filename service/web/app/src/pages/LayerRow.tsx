@@ -17,11 +17,20 @@ interface AskProps extends LayerRowProps {
 
 function Move({ layer, plan, close }: AskProps) {
   const [by, setBy] = useState({ x_m: 0, y_m: 0, z_m: 0, degrees: 0 });
-  const fields = [["x_m", t("place.x"), 0.1], ["y_m", t("place.y"), 0.1], ["z_m", "z [m]", 0.05], ["degrees", t("place.yaw"), 1]] as const;
+  const fields = [
+    ["x_m", t("place.x"), 0.1],
+    ["y_m", t("place.y"), 0.1],
+    ["z_m", "z [m]", 0.05],
+    ["degrees", t("place.yaw"), 1],
+  ] as const;
   const go = (event: Event) => {
     event.preventDefault();
     const { degrees, ...shift } = by;
-    const operation: Operation = { op: "move-layer", layer_id: layer.layer_id, by: { ...shift, yaw_rad: (degrees * Math.PI) / 180 } };
+    const operation: Operation = {
+      op: "move-layer",
+      layer_id: layer.layer_id,
+      by: { ...shift, yaw_rad: (degrees * Math.PI) / 180 },
+    };
     plan({ operation, words: `${t("revise.move")}: ${layer.name} (${by.x_m}, ${by.y_m}, ${by.z_m} m, ${degrees}°)` });
     close();
   };
@@ -31,7 +40,15 @@ function Move({ layer, plan, close }: AskProps) {
         <p class="quiet">{t("revise.moveHelp")}</p>
         <div class="numbers">
           {fields.map(([name, label, step]) => (
-            <label key={name}>{label}<input type="number" step={step} value={by[name]} onInput={(event) => setBy({ ...by, [name]: event.currentTarget.valueAsNumber || 0 })} /></label>
+            <label key={name}>
+              {label}
+              <input
+                type="number"
+                step={step}
+                value={by[name]}
+                onInput={(event) => setBy({ ...by, [name]: event.currentTarget.valueAsNumber || 0 })}
+              />
+            </label>
           ))}
         </div>
         <button class="primary">{t("revise.plan.add")}</button>
@@ -44,14 +61,22 @@ function Rename({ layer, plan, close }: AskProps) {
   const [name, setName] = useState(layer.name);
   const go = (event: Event) => {
     event.preventDefault();
-    plan({ operation: { op: "rename-layer", layer_id: layer.layer_id, name: name.trim() }, words: `${layer.name} → ${name.trim()}` });
+    plan({
+      operation: { op: "rename-layer", layer_id: layer.layer_id, name: name.trim() },
+      words: `${layer.name} → ${name.trim()}`,
+    });
     close();
   };
   return (
     <Dialog title={`${t("revise.rename")}: ${layer.name}`} close={close}>
       <form onSubmit={go}>
-        <label>{t("keys.name")}<input value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} /></label>
-        <button class="primary" disabled={!name.trim() || name.trim() === layer.name}>{t("revise.plan.add")}</button>
+        <label>
+          {t("keys.name")}
+          <input value={name} maxLength={200} onInput={(event) => setName(event.currentTarget.value)} />
+        </label>
+        <button class="primary" disabled={!name.trim() || name.trim() === layer.name}>
+          {t("revise.plan.add")}
+        </button>
       </form>
     </Dialog>
   );
@@ -60,7 +85,13 @@ function Rename({ layer, plan, close }: AskProps) {
 function Replace({ layer, placements, plan, close }: AskProps) {
   const others = placements.filter((one) => one.id !== layer.placement_id);
   const take = (one: Placement) => {
-    const operation: Operation = { op: "replace-layer", layer_id: layer.layer_id, placement_id: one.id, reviewed: one.verdict !== "accepted", part: { points: "target" } };
+    const operation: Operation = {
+      op: "replace-layer",
+      layer_id: layer.layer_id,
+      placement_id: one.id,
+      reviewed: one.verdict !== "accepted",
+      part: { points: "target" },
+    };
     plan({ operation, words: `${t("revise.replace")}: ${layer.name} (${whenText(one.created_at)})` });
     close();
   };
@@ -71,8 +102,13 @@ function Replace({ layer, placements, plan, close }: AskProps) {
         {others.map((one) => (
           <li key={one.id}>
             <img alt="" loading="lazy" src={`/v1/scans/${one.scan_id}/preview.png`} />
-            <span>{whenText(one.created_at)}<span class="quiet">{named("place", one.verdict!)}</span></span>
-            <button type="button" onClick={() => take(one)}>{t("place.take")}</button>
+            <span>
+              {whenText(one.created_at)}
+              <span class="quiet">{named("place", one.verdict!)}</span>
+            </span>
+            <button type="button" onClick={() => take(one)}>
+              {t("place.take")}
+            </button>
           </li>
         ))}
       </ul>
@@ -90,13 +126,39 @@ export function LayerRow(row: LayerRowProps) {
   const hideWords = layer.visible ? t("revisions.hide") : t("revisions.show");
   return (
     <li>
-      <span><strong>{layer.name}</strong>{!layer.visible && <span class="quiet">{t("revise.hidden")}</span>}</span>
+      <span>
+        <strong>{layer.name}</strong>
+        {!layer.visible && <span class="quiet">{t("revise.hidden")}</span>}
+      </span>
       <span class="chips">
-        <button type="button" onClick={() => plan({ operation: { op: hide, layer_id: layer.layer_id }, words: `${hideWords}: ${layer.name}` })}>{hideWords}</button>
-        <button type="button" onClick={() => setAsked("move")}>{t("revise.move")}</button>
-        <button type="button" onClick={() => setAsked("replace")}>{t("revise.replace")}</button>
-        <button type="button" onClick={() => setAsked("rename")}>{t("revise.rename")}</button>
-        <button type="button" onClick={() => plan({ operation: { op: "remove-layer", layer_id: layer.layer_id }, words: `${t("revisions.remove")}: ${layer.name}` })}>{t("revisions.remove")}</button>
+        <button
+          type="button"
+          onClick={() =>
+            plan({ operation: { op: hide, layer_id: layer.layer_id }, words: `${hideWords}: ${layer.name}` })
+          }
+        >
+          {hideWords}
+        </button>
+        <button type="button" onClick={() => setAsked("move")}>
+          {t("revise.move")}
+        </button>
+        <button type="button" onClick={() => setAsked("replace")}>
+          {t("revise.replace")}
+        </button>
+        <button type="button" onClick={() => setAsked("rename")}>
+          {t("revise.rename")}
+        </button>
+        <button
+          type="button"
+          onClick={() =>
+            plan({
+              operation: { op: "remove-layer", layer_id: layer.layer_id },
+              words: `${t("revisions.remove")}: ${layer.name}`,
+            })
+          }
+        >
+          {t("revisions.remove")}
+        </button>
       </span>
       {Asked && <Asked {...row} close={() => setAsked(null)} />}
     </li>

@@ -1,5 +1,18 @@
 import { useState } from "preact/hooks";
-import { all, get, onceKey, post, send, type Drawing, type Publication, type Revision, type Scan, type Schemas, type Session, type SiteMap } from "../api/client";
+import {
+  all,
+  get,
+  onceKey,
+  post,
+  send,
+  type Drawing,
+  type Publication,
+  type Revision,
+  type Scan,
+  type Schemas,
+  type Session,
+  type SiteMap,
+} from "../api/client";
 import { useFleetEvents, useLoaded } from "../api/live";
 import { t, whenText } from "../i18n";
 import { Chip, Dialog, Failure, Loading, Progress, StateChip } from "../ui/parts";
@@ -15,7 +28,15 @@ async function look(mapId: string) {
     all<Publication>(`/v1/maps/${mapId}/publications`, 200),
   ]);
   const on = (name: string) => channels.channels.find((channel) => channel.name === name)?.revision_n ?? null;
-  return { map, drawings: drawings.reverse(), scans: scans.reverse(), revisions: revisions.sort((a, b) => b.n - a.n), published: on("stable"), canary: on("canary"), publications };
+  return {
+    map,
+    drawings: drawings.reverse(),
+    scans: scans.reverse(),
+    revisions: revisions.sort((a, b) => b.n - a.n),
+    published: on("stable"),
+    canary: on("canary"),
+    publications,
+  };
 }
 
 interface SendFileProps {
@@ -41,7 +62,13 @@ function SendFile({ label, accept, to, sent, failed }: SendFileProps) {
   return (
     <label class="button" aria-busy={busy}>
       {busy ? `${t("tablet.sending")}…` : label}
-      <input class="hidden" type="file" accept={accept} disabled={busy} onChange={(event) => void picked(event.currentTarget)} />
+      <input
+        class="hidden"
+        type="file"
+        accept={accept}
+        disabled={busy}
+        onChange={(event) => void picked(event.currentTarget)}
+      />
     </label>
   );
 }
@@ -57,8 +84,20 @@ function InputRow({ href, way, input }: InputRowProps) {
   return (
     <li>
       {input.files.preview ? <img alt="" loading="lazy" src={input.files.preview} /> : <span class="no-preview" />}
-      <span><strong>{input.file_name}</strong><span class="quiet">{whenText(input.created_at)}</span>{input.job.problem && <span class="quiet">{input.job.problem.detail}</span>}</span>
-      {over ? <a class="button" href={href}>{way}</a> : input.job.state === "running" ? <Progress job={input.job} /> : <StateChip job={input.job} />}
+      <span>
+        <strong>{input.file_name}</strong>
+        <span class="quiet">{whenText(input.created_at)}</span>
+        {input.job.problem && <span class="quiet">{input.job.problem.detail}</span>}
+      </span>
+      {over ? (
+        <a class="button" href={href}>
+          {way}
+        </a>
+      ) : input.job.state === "running" ? (
+        <Progress job={input.job} />
+      ) : (
+        <StateChip job={input.job} />
+      )}
     </li>
   );
 }
@@ -68,8 +107,14 @@ function BuildFrom({ mapId, drawing, built }: { mapId: string; drawing: Drawing;
   const build = () => post(`/v1/maps/${mapId}/revisions`, { drawing_id: drawing.id }).then(built, setError);
   return (
     <>
-      <button class="primary" type="button" onClick={() => void build()}>{t("draw.build")}</button>
-      {error !== null && <Dialog title={t("draw.build")} close={() => setError(null)}><Failure error={error} /></Dialog>}
+      <button class="primary" type="button" onClick={() => void build()}>
+        {t("draw.build")}
+      </button>
+      {error !== null && (
+        <Dialog title={t("draw.build")} close={() => setError(null)}>
+          <Failure error={error} />
+        </Dialog>
+      )}
     </>
   );
 }
@@ -89,28 +134,62 @@ export function MapPage({ mapId, session }: { mapId: string; session: Session })
   return (
     <>
       <div class="title">
-        <div><span class="quiet">{map.site}</span><h1>{map.name}</h1></div>
-        {value.published !== null && <Chip tone="good">{t("overview.published")}: {value.published}</Chip>}
+        <div>
+          <span class="quiet">{map.site}</span>
+          <h1>{map.name}</h1>
+        </div>
+        {value.published !== null && (
+          <Chip tone="good">
+            {t("overview.published")}: {value.published}
+          </Chip>
+        )}
       </div>
       <Failure error={problem ?? error} />
       <div class="inputs">
         <section class="card" aria-label={t("map.drawings")}>
-          <div class="title"><h2>{t("map.drawings")}</h2><span class="spread" />
+          <div class="title">
+            <h2>{t("map.drawings")}</h2>
+            <span class="spread" />
             {admin && read && value.revisions.length === 0 && <BuildFrom mapId={mapId} drawing={read} built={reload} />}
-            {admin && <SendFile label={t("map.sendDrawing")} to={`/v1/maps/${mapId}/drawings`} sent={sent} failed={setProblem} />}
+            {admin && (
+              <SendFile
+                label={t("map.sendDrawing")}
+                to={`/v1/maps/${mapId}/drawings`}
+                sent={sent}
+                failed={setProblem}
+              />
+            )}
           </div>
           {drawings.length === 0 && <p class="quiet">{t("map.noDrawing")}</p>}
-          <ul class="list">{drawings.map((one) => <InputRow key={one.id} input={one} href={`#/maps/${mapId}/drawings/${one.id}`} way={t("map.correct")} />)}</ul>
+          <ul class="list">
+            {drawings.map((one) => (
+              <InputRow key={one.id} input={one} href={`#/maps/${mapId}/drawings/${one.id}`} way={t("map.correct")} />
+            ))}
+          </ul>
         </section>
         <section class="card" aria-label={t("map.scans")}>
-          <div class="title"><h2>{t("map.scans")}</h2><span class="spread" />
+          <div class="title">
+            <h2>{t("map.scans")}</h2>
+            <span class="spread" />
             <SendFile label={t("map.sendScan")} to={`/v1/maps/${mapId}/scans`} sent={sent} failed={setProblem} />
           </div>
           {scans.length === 0 && <p class="quiet">{t("map.noScan")}</p>}
-          <ul class="list">{scans.map((one) => <InputRow key={one.id} input={one} href={`#/maps/${mapId}/scans/${one.id}`} way={t("map.place")} />)}</ul>
+          <ul class="list">
+            {scans.map((one) => (
+              <InputRow key={one.id} input={one} href={`#/maps/${mapId}/scans/${one.id}`} way={t("map.place")} />
+            ))}
+          </ul>
         </section>
       </div>
-      <Revisions mapId={mapId} revisions={value.revisions} published={value.published} canary={value.canary} publications={value.publications} mayPublish={admin} changed={reload} />
+      <Revisions
+        mapId={mapId}
+        revisions={value.revisions}
+        published={value.published}
+        canary={value.canary}
+        publications={value.publications}
+        mayPublish={admin}
+        changed={reload}
+      />
     </>
   );
 }

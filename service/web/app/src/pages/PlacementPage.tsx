@@ -1,5 +1,16 @@
 import { useEffect, useRef, useState } from "preact/hooks";
-import { all, follow, get, post, type Job, type Page, type Placement, type Revision, type Scan, type Schemas } from "../api/client";
+import {
+  all,
+  follow,
+  get,
+  post,
+  type Job,
+  type Page,
+  type Placement,
+  type Revision,
+  type Scan,
+  type Schemas,
+} from "../api/client";
 import { useLoaded } from "../api/live";
 import { named, t, whenText } from "../i18n";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
@@ -50,7 +61,14 @@ async function load(mapId: string, scanId: string): Promise<Loadable | null> {
     loadCloud(scan.files.points, MOST_OF_SCAN),
     get<ConstructorParameters<typeof Faces>[0]>(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/walls.geojson`),
   ]);
-  return { scan, revision: latest.n, map, points, faces: new Faces(walls), placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)) };
+  return {
+    scan,
+    revision: latest.n,
+    map,
+    points,
+    faces: new Faces(walls),
+    placements: placements.sort((a, b) => (a.id < b.id ? 1 : -1)),
+  };
 }
 
 function firstPose({ placements, scan, map, points }: Loadable): Matrix {
@@ -58,7 +76,12 @@ function firstPose({ placements, scan, map, points }: Loadable): Matrix {
   if (placed) return placed;
   const rough = scan.rough_pose as { x_m: number; y_m: number; z_m?: number; yaw_rad?: number } | null;
   if (rough) return matrixOf({ x: rough.x_m, y: rough.y_m, z: rough.z_m ?? 0, yaw: rough.yaw_rad ?? 0 });
-  return matrixOf({ x: map.overview.centre[0] - points.centre[0], y: map.overview.centre[1] - points.centre[1], z: 0, yaw: 0 });
+  return matrixOf({
+    x: map.overview.centre[0] - points.centre[0],
+    y: map.overview.centre[1] - points.centre[1],
+    z: 0,
+    yaw: 0,
+  });
 }
 
 interface NumberFieldProps {
@@ -69,9 +92,15 @@ interface NumberFieldProps {
 }
 
 const NumberField = ({ label, value, step, set }: NumberFieldProps) => (
-  <label>{label}
-    <input type="number" inputmode="decimal" step={step} value={Number(value.toFixed(3))}
-      onChange={(event) => Number.isFinite(event.currentTarget.valueAsNumber) && set(event.currentTarget.valueAsNumber)} />
+  <label>
+    {label}
+    <input
+      type="number"
+      inputmode="decimal"
+      step={step}
+      value={Number(value.toFixed(3))}
+      onChange={(event) => Number.isFinite(event.currentTarget.valueAsNumber) && set(event.currentTarget.valueAsNumber)}
+    />
   </label>
 );
 
@@ -80,13 +109,29 @@ const centimetres = (metres: number) => (100 * metres).toPrecision(2);
 function Evidence({ placement }: { placement: Placement }) {
   const evidence = placement.evidence ?? {};
   const ellipse = ellipseOf(evidence.covariance);
-  const shown = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradiction_share"].filter((name) => typeof evidence[name] === "number");
+  const shown = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradiction_share"].filter(
+    (name) => typeof evidence[name] === "number",
+  );
   return (
     <>
       <Chip tone={VERDICT_TONES[placement.verdict!]!}>{named("place", placement.verdict!)}</Chip>
-      <ul class="reasons">{placement.reasons?.map((reason) => <li key={reason}>{reason}</li>)}</ul>
-      <dl>{shown.map((name) => [<dt key={name}>{name.replaceAll("_", " ")}</dt>, <dd key={`${name}-v`}>{(evidence[name] as number).toPrecision(3)}</dd>])}</dl>
-      {ellipse && <p class="quiet">{t("place.sure")} ±{centimetres(ellipse.half[0])} × ±{centimetres(ellipse.half[1])} cm ({t("place.ellipse")} ×{ELLIPSE_TIMES})</p>}
+      <ul class="reasons">
+        {placement.reasons?.map((reason) => (
+          <li key={reason}>{reason}</li>
+        ))}
+      </ul>
+      <dl>
+        {shown.map((name) => [
+          <dt key={name}>{name.replaceAll("_", " ")}</dt>,
+          <dd key={`${name}-v`}>{(evidence[name] as number).toPrecision(3)}</dd>,
+        ])}
+      </dl>
+      {ellipse && (
+        <p class="quiet">
+          {t("place.sure")} ±{centimetres(ellipse.half[0])} × ±{centimetres(ellipse.half[1])} cm ({t("place.ellipse")} ×
+          {ELLIPSE_TIMES})
+        </p>
+      )}
     </>
   );
 }
@@ -96,7 +141,9 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const stage = useRef<Stage | null>(null);
   const [T, setT] = useState<Matrix>(() => firstPose(loaded));
   const [mode, setMode] = useState<"above" | "room">("above");
-  const [placement, setPlacement] = useState<Placement | null>(() => loaded.placements.find((one) => one.verdict) ?? null);
+  const [placement, setPlacement] = useState<Placement | null>(
+    () => loaded.placements.find((one) => one.verdict) ?? null,
+  );
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const [made, setMade] = useState<number | null>(null);
@@ -109,7 +156,11 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
       setT(next);
       setPlacement(null);
     };
-    stage.current = new Stage(canvas.current!, { map: loaded.map, scan: { cloud: loaded.points, T, moved: dragged }, picked: setPicked });
+    stage.current = new Stage(canvas.current!, {
+      map: loaded.map,
+      scan: { cloud: loaded.points, T, moved: dragged },
+      picked: setPicked,
+    });
     return () => stage.current?.leave();
   }, [loaded]);
   useEffect(() => stage.current?.look(mode), [mode]);
@@ -120,11 +171,15 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   useEffect(() => {
     const ellipse = placement?.T_map_scan ? ellipseOf(placement.evidence?.covariance) : null;
     const sure = ellipse ? [{ corners: cornersOf(ellipse, [T[0]![3]!, T[1]![3]!]), colour: "#d6006c" }] : [];
-    const drawn = (["include", "exclude"] as const).flatMap((name) => part[name].map(({ within }) => ({ corners: within, colour: REGION_COLOURS[name] })));
+    const drawn = (["include", "exclude"] as const).flatMap((name) =>
+      part[name].map(({ within }) => ({ corners: within, colour: REGION_COLOURS[name] })),
+    );
     stage.current?.outline([...sure, ...drawn]);
   }, [placement, part, loaded]);
   useEffect(() => {
-    stage.current?.drawRegions(brush && ((within) => setPart((now) => ({ ...now, [brush]: [...now[brush], { within }] }))));
+    stage.current?.drawRegions(
+      brush && ((within) => setPart((now) => ({ ...now, [brush]: [...now[brush], { within }] }))),
+    );
     if (brush) setMode("above");
   }, [brush, loaded]);
 
@@ -146,9 +201,13 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     const far = event.shiftKey ? 10 : 1;
     const step = STEP_M * far;
     const moves: Record<string, () => void> = {
-      ArrowLeft: () => set({ x: pose.x - step }), ArrowRight: () => set({ x: pose.x + step }),
-      ArrowUp: () => set({ y: pose.y + step }), ArrowDown: () => set({ y: pose.y - step }),
-      q: () => turn((far * Math.PI) / 180), e: () => turn((-far * Math.PI) / 180), Enter: () => void (job === null && snap(true)),
+      ArrowLeft: () => set({ x: pose.x - step }),
+      ArrowRight: () => set({ x: pose.x + step }),
+      ArrowUp: () => set({ y: pose.y + step }),
+      ArrowDown: () => set({ y: pose.y - step }),
+      q: () => turn((far * Math.PI) / 180),
+      e: () => turn((-far * Math.PI) / 180),
+      Enter: () => void (job === null && snap(true)),
     };
     const wanted = moves[event.key] ?? moves[event.key.toLowerCase()];
     if (!wanted || event.ctrlKey || event.metaKey || event.altKey) return;
@@ -160,7 +219,9 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     setError(null);
     setMade(null);
     try {
-      const body = rough ? { rough_pose: { x_m: pose.x, y_m: pose.y, z_m: pose.z, yaw_rad: pose.yaw } } : { search: true };
+      const body = rough
+        ? { rough_pose: { x_m: pose.x, y_m: pose.y, z_m: pose.z, yaw_rad: pose.yaw } }
+        : { search: true };
       const asked = await post<Schemas["PlacementWithJob"]>(`/v1/scans/${scanId}/placements`, body);
       setJob(asked.job);
       const ended = await follow(asked.job, setJob);
@@ -176,7 +237,10 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   const accept = async () => {
     try {
       const reviewed = placement!.verdict !== "accepted";
-      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed, part: { points: "target", ...part } });
+      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, {
+        reviewed,
+        part: { points: "target", ...part },
+      });
       setJob(asked.job);
       const ended = await follow(asked.job, setJob);
       setJob(null);
@@ -192,29 +256,65 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
   return (
     <div class="workplace">
       <div class="stage">
-        <canvas ref={canvas} class="cloud" role="img" tabIndex={0} aria-keyshortcuts="ArrowLeft ArrowRight ArrowUp ArrowDown Q E Enter" onKeyDown={pressed} aria-label={`${t("place.map")}, ${t("place.scan")}: ${mode === "above" ? t("place.above") : t("place.room")}`} />
+        <canvas
+          ref={canvas}
+          class="cloud"
+          role="img"
+          tabIndex={0}
+          aria-keyshortcuts="ArrowLeft ArrowRight ArrowUp ArrowDown Q E Enter"
+          onKeyDown={pressed}
+          aria-label={`${t("place.map")}, ${t("place.scan")}: ${mode === "above" ? t("place.above") : t("place.room")}`}
+        />
         <div class="choices over" role="group" aria-label={t("place.view")}>
-          <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>{t("place.above")}</button>
-          <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>{t("place.room")}</button>
+          <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>
+            {t("place.above")}
+          </button>
+          <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>
+            {t("place.room")}
+          </button>
         </div>
-        <div class="legend over"><span class="of-map">{t("place.map")}</span><span class="of-scan">{placement?.T_map_scan ? t("place.offWalls") : t("place.scan")}</span>
-          {placement?.T_map_scan && RESIDUALS.map(({ label }) => <span key={label} class={label.replace(".", "-")}>{t(label)}</span>)}<Picked place={picked} /></div>
+        <div class="legend over">
+          <span class="of-map">{t("place.map")}</span>
+          <span class="of-scan">{placement?.T_map_scan ? t("place.offWalls") : t("place.scan")}</span>
+          {placement?.T_map_scan &&
+            RESIDUALS.map(({ label }) => (
+              <span key={label} class={label.replace(".", "-")}>
+                {t(label)}
+              </span>
+            ))}
+          <Picked place={picked} />
+        </div>
       </div>
       <aside class="card">
-        <p class="quiet">{t("place.hint")} {t("place.keys")}</p>
+        <p class="quiet">
+          {t("place.hint")} {t("place.keys")}
+        </p>
         <div class="numbers">
           <NumberField label={t("place.x")} step={0.1} value={pose.x} set={(x) => set({ x })} />
           <NumberField label={t("place.y")} step={0.1} value={pose.y} set={(y) => set({ y })} />
           <NumberField label={t("place.z")} step={0.05} value={pose.z} set={(z) => set({ z })} />
-          <NumberField label={t("place.yaw")} step={1} value={(pose.yaw * 180) / Math.PI} set={(degrees) => set({ yaw: (degrees * Math.PI) / 180 })} />
+          <NumberField
+            label={t("place.yaw")}
+            step={1}
+            value={(pose.yaw * 180) / Math.PI}
+            set={(degrees) => set({ yaw: (degrees * Math.PI) / 180 })}
+          />
         </div>
         <div class="chips">
-          <button type="button" onClick={() => turn(STEP_RAD)} aria-label={t("place.left")}>↺ 5°</button>
-          <button type="button" onClick={() => turn(-STEP_RAD)} aria-label={t("place.right")}>↻ 5°</button>
+          <button type="button" onClick={() => turn(STEP_RAD)} aria-label={t("place.left")}>
+            ↺ 5°
+          </button>
+          <button type="button" onClick={() => turn(-STEP_RAD)} aria-label={t("place.right")}>
+            ↻ 5°
+          </button>
         </div>
         <div class="chips">
-          <button class="primary big" type="button" disabled={job !== null} onClick={() => void snap(true)}>{t("place.snap")}</button>
-          <button class="big" type="button" disabled={job !== null} onClick={() => void snap(false)}>{t("place.everywhere")}</button>
+          <button class="primary big" type="button" disabled={job !== null} onClick={() => void snap(true)}>
+            {t("place.snap")}
+          </button>
+          <button class="big" type="button" disabled={job !== null} onClick={() => void snap(false)}>
+            {t("place.everywhere")}
+          </button>
         </div>
         <div aria-live="polite" class="verdict">
           {job && <Progress job={job} />}
@@ -224,9 +324,22 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
         {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
           <div class="chips" role="group" aria-label={t("place.part")}>
             {(["include", "exclude"] as const).map((name) => (
-              <button key={name} type="button" aria-pressed={brush === name} onClick={() => setBrush(brush === name ? null : name)}>{t(`place.${name}`)} ({part[name].length})</button>
+              <button
+                key={name}
+                type="button"
+                aria-pressed={brush === name}
+                onClick={() => setBrush(brush === name ? null : name)}
+              >
+                {t(`place.${name}`)} ({part[name].length})
+              </button>
             ))}
-            <button type="button" disabled={part.include.length + part.exclude.length === 0} onClick={() => setPart({ include: [], exclude: [] })}>{t("place.noRegions")}</button>
+            <button
+              type="button"
+              disabled={part.include.length + part.exclude.length === 0}
+              onClick={() => setPart({ include: [], exclude: [] })}
+            >
+              {t("place.noRegions")}
+            </button>
           </div>
         )}
         {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
@@ -234,7 +347,11 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
             {placement.verdict === "accepted" ? t("place.accept") : t("place.acceptReviewed")}
           </button>
         )}
-        {made !== null && <p class="done" role="status">{t("place.made")} <a href={`#/maps/${mapId}`}>{made}</a></p>}
+        {made !== null && (
+          <p class="done" role="status">
+            {t("place.made")} <a href={`#/maps/${mapId}`}>{made}</a>
+          </p>
+        )}
         {candidates.length > 1 && (
           <section>
             <h2>{t("place.candidates")}</h2>
@@ -259,9 +376,15 @@ export default function PlacementPage({ mapId, scanId }: { mapId: string; scanId
     <>
       <div class="title">
         <h1>{t("place.title")}</h1>
-        {value?.loaded && <span class="quiet">{value.loaded.scan.file_name} · {whenText(value.loaded.scan.created_at)}</span>}
+        {value?.loaded && (
+          <span class="quiet">
+            {value.loaded.scan.file_name} · {whenText(value.loaded.scan.created_at)}
+          </span>
+        )}
         <span class="spread" />
-        <a class="button" href={`#/maps/${mapId}`}>{t("tablet.back")}</a>
+        <a class="button" href={`#/maps/${mapId}`}>
+          {t("tablet.back")}
+        </a>
       </div>
       <Failure error={error} />
       {!value && !error && <Loading />}

@@ -34,12 +34,24 @@ function Viewer({ cloud }: { cloud: MapCloud }) {
   useEffect(() => stage.current?.look(mode), [mode, cloud]);
   return (
     <div class="stage">
-      <canvas ref={canvas} class="cloud" role="img" aria-label={`${t("place.map")}: ${mode === "above" ? t("place.above") : t("place.room")}`} />
+      <canvas
+        ref={canvas}
+        class="cloud"
+        role="img"
+        aria-label={`${t("place.map")}: ${mode === "above" ? t("place.above") : t("place.room")}`}
+      />
       <div class="choices over" role="group" aria-label={t("place.view")}>
-        <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>{t("place.room")}</button>
-        <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>{t("place.above")}</button>
+        <button type="button" aria-pressed={mode === "room"} onClick={() => setMode("room")}>
+          {t("place.room")}
+        </button>
+        <button type="button" aria-pressed={mode === "above"} onClick={() => setMode("above")}>
+          {t("place.above")}
+        </button>
       </div>
-      <div class="legend over"><span class="of-map">{t("view.hint")}</span><Picked place={picked} /></div>
+      <div class="legend over">
+        <span class="of-map">{t("view.hint")}</span>
+        <Picked place={picked} />
+      </div>
     </div>
   );
 }
@@ -49,10 +61,15 @@ export default function RevisionPage({ mapId, n }: { mapId: string; n: number })
   return (
     <>
       <div class="title">
-        <h1>{value ? `${value.map.name} · ` : ""}{t("revisions.n")} {n}</h1>
+        <h1>
+          {value ? `${value.map.name} · ` : ""}
+          {t("revisions.n")} {n}
+        </h1>
         {value && <span class="quiet">{whenText(value.revision.created_at)}</span>}
         <span class="spread" />
-        <a class="button" href={`#/maps/${mapId}`}>{t("tablet.back")}</a>
+        <a class="button" href={`#/maps/${mapId}`}>
+          {t("tablet.back")}
+        </a>
       </div>
       <Failure error={error} />
       {!value && !error && <Loading />}

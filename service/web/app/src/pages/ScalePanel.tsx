@@ -34,24 +34,57 @@ export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }:
   };
   return (
     <section class="card" aria-label={t("draw.scaleIs")}>
-      <div class="title"><h2>{t("draw.scaleIs")}</h2><Chip tone={TONES[scale.state]}>{named("scale", scale.state)}</Chip></div>
+      <div class="title">
+        <h2>{t("draw.scaleIs")}</h2>
+        <Chip tone={TONES[scale.state]}>{named("scale", scale.state)}</Chip>
+      </div>
       <p>{scale.metres_per_unit ? `${unitText(scale.metres_per_unit)} / ${t("draw.unit")}` : t("draw.unknown")}</p>
       <ul class="reasons">
         {scale.witnesses.map((one, k) => {
           const off = offBy(scale, one.metres_per_unit);
-          return <li key={k}>{one.kind}: {one.detail}{off !== null && Math.abs(off) > 2 && <strong> ({off > 0 ? "+" : ""}{off.toFixed(1)} %)</strong>}</li>;
+          return (
+            <li key={k}>
+              {one.kind}: {one.detail}
+              {off !== null && Math.abs(off) > 2 && (
+                <strong>
+                  {" "}
+                  ({off > 0 ? "+" : ""}
+                  {off.toFixed(1)} %)
+                </strong>
+              )}
+            </li>
+          );
         })}
       </ul>
-      {scale.state === "unknown" && scale.candidates.map((one) => (
-        <button key={one.metres_per_unit} type="button" disabled={busy} onClick={() => chosen(one.metres_per_unit)}>{unitText(one.metres_per_unit)} ({one.witnesses.join(", ")})</button>
-      ))}
+      {scale.state === "unknown" &&
+        scale.candidates.map((one) => (
+          <button key={one.metres_per_unit} type="button" disabled={busy} onClick={() => chosen(one.metres_per_unit)}>
+            {unitText(one.metres_per_unit)} ({one.witnesses.join(", ")})
+          </button>
+        ))}
       {measuring && (
         <form onSubmit={go}>
-          <label>{t("draw.length")} [{unit}]<input inputmode="decimal" value={length} disabled={clicks < 2} onInput={(event) => setLength(event.currentTarget.value)} /></label>
-          <select aria-label={t("draw.lengthUnit")} value={unit} onChange={(event) => setUnit(event.currentTarget.value as keyof typeof UNITS)}>
-            {Object.keys(UNITS).map((name) => <option key={name}>{name}</option>)}
+          <label>
+            {t("draw.length")} [{unit}]
+            <input
+              inputmode="decimal"
+              value={length}
+              disabled={clicks < 2}
+              onInput={(event) => setLength(event.currentTarget.value)}
+            />
+          </label>
+          <select
+            aria-label={t("draw.lengthUnit")}
+            value={unit}
+            onChange={(event) => setUnit(event.currentTarget.value as keyof typeof UNITS)}
+          >
+            {Object.keys(UNITS).map((name) => (
+              <option key={name}>{name}</option>
+            ))}
           </select>
-          <button class="primary" disabled={busy || clicks < 2 || !(metres > 0)}>{t("draw.apply")}</button>
+          <button class="primary" disabled={busy || clicks < 2 || !(metres > 0)}>
+            {t("draw.apply")}
+          </button>
         </form>
       )}
     </section>

@@ -42,7 +42,9 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
   const stop = useRef(new AbortController());
 
   const run = async (signal: AbortSignal) => {
-    const scanId = parcel.scanId ?? (await deliver(parcel, { began: () => setInTurn(true), sent: setBytes, waiting: setWaiting }, signal));
+    const scanId =
+      parcel.scanId ??
+      (await deliver(parcel, { began: () => setInTurn(true), sent: setBytes, waiting: setWaiting }, signal));
     signal.throwIfAborted();
     setBytes(parcel.size);
     if (!parcel.scanId) await keep({ ...parcel, file: null, scanId });
@@ -68,7 +70,9 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
 
   const confirm = async () => {
     try {
-      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, { reviewed: placement!.verdict !== "accepted" });
+      const asked = await post<Schemas["RevisionWithJob"]>(`/v1/placements/${placement!.id}/accept`, {
+        reviewed: placement!.verdict !== "accepted",
+      });
       await forget(parcel);
       setTaken(asked.job);
       setTaken(await follow(asked.job, setTaken));
@@ -90,24 +94,63 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
       {inTurn && bytes < parcel.size && (
         <div class="progress">
           <progress max={100} value={percent} aria-label={t("tablet.sending")} />
-          <span role="status">{waiting ? t("tablet.waitingForNet") : `${t("tablet.sending")}: ${percent} % · ${bytesText(bytes)} / ${bytesText(parcel.size)}`}</span>
+          <span role="status">
+            {waiting
+              ? t("tablet.waitingForNet")
+              : `${t("tablet.sending")}: ${percent} % · ${bytesText(bytes)} / ${bytesText(parcel.size)}`}
+          </span>
         </div>
       )}
-      {job && <div role="status"><strong>{named("kind", job.kind)}</strong><Progress job={job} /></div>}
+      {job && (
+        <div role="status">
+          <strong>{named("kind", job.kind)}</strong>
+          <Progress job={job} />
+        </div>
+      )}
       {placement && !taken && (
         <>
-          <p class="big-words" role="status">{words[placement.verdict!]}</p>
-          <Chip tone={placement.verdict === "accepted" ? "good" : placement.verdict === "rejected" ? "bad" : "busy"}>{named("place", placement.verdict!)}</Chip>
-          {sight && placement.T_map_scan && <div class="sight"><MiniPlan map={sight.map} scan={sight.scan} T={placement.T_map_scan} label={`${t("place.map")}, ${t("place.scan")}`} /></div>}
-          <ul class="reasons">{placement.reasons?.map((reason) => <li key={reason}>{reason}</li>)}</ul>
-          {placement.verdict !== "rejected" && <button class="primary huge" type="button" onClick={() => void confirm()}>{t("tablet.confirm")}</button>}
-          <a class="button huge" href={`/#/maps/${parcel.mapId}/scans/${placement.scan_id}`}>{t("tablet.move")}</a>
+          <p class="big-words" role="status">
+            {words[placement.verdict!]}
+          </p>
+          <Chip tone={placement.verdict === "accepted" ? "good" : placement.verdict === "rejected" ? "bad" : "busy"}>
+            {named("place", placement.verdict!)}
+          </Chip>
+          {sight && placement.T_map_scan && (
+            <div class="sight">
+              <MiniPlan
+                map={sight.map}
+                scan={sight.scan}
+                T={placement.T_map_scan}
+                label={`${t("place.map")}, ${t("place.scan")}`}
+              />
+            </div>
+          )}
+          <ul class="reasons">
+            {placement.reasons?.map((reason) => (
+              <li key={reason}>{reason}</li>
+            ))}
+          </ul>
+          {placement.verdict !== "rejected" && (
+            <button class="primary huge" type="button" onClick={() => void confirm()}>
+              {t("tablet.confirm")}
+            </button>
+          )}
+          <a class="button huge" href={`/#/maps/${parcel.mapId}/scans/${placement.scan_id}`}>
+            {t("tablet.move")}
+          </a>
         </>
       )}
-      {taken && <div role="status"><p class="done">{taken.state === "succeeded" ? `${t("place.made")} ✓` : t("tablet.taken")}</p>{taken.state !== "succeeded" && <Progress job={taken} />}</div>}
+      {taken && (
+        <div role="status">
+          <p class="done">{taken.state === "succeeded" ? `${t("place.made")} ✓` : t("tablet.taken")}</p>
+          {taken.state !== "succeeded" && <Progress job={taken} />}
+        </div>
+      )}
       {taken?.problem && <p class="failure">{taken.problem.detail}</p>}
       <Failure error={error} />
-      <button class="huge" type="button" onClick={drop}>{taken ? t("close") : placement ? t("tablet.later") : t("tablet.giveUp")}</button>
+      <button class="huge" type="button" onClick={drop}>
+        {taken ? t("close") : placement ? t("tablet.later") : t("tablet.giveUp")}
+      </button>
     </section>
   );
 }

@@ -25,11 +25,22 @@ export function SignIn({ signedIn }: { signedIn: (session: Session) => void }) {
         <h1>Groundplan</h1>
         <label>
           {t("signIn.key")}
-          <input type="password" name="key" autocomplete="current-password" required autofocus spellcheck={false}
-            placeholder="gp_…" value={key} onInput={(event) => setKey(event.currentTarget.value)} />
+          <input
+            type="password"
+            name="key"
+            autocomplete="current-password"
+            required
+            autofocus
+            spellcheck={false}
+            placeholder="gp_…"
+            value={key}
+            onInput={(event) => setKey(event.currentTarget.value)}
+          />
         </label>
         <Failure error={error} />
-        <button class="primary" type="submit" disabled={busy}>{t("signIn.go")}</button>
+        <button class="primary" type="submit" disabled={busy}>
+          {t("signIn.go")}
+        </button>
         <p class="quiet">{t("signIn.help")}</p>
       </form>
     </main>

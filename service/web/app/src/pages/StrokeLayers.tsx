@@ -23,16 +23,23 @@ function Reasons({ of, hidden, turn }: ReasonsProps) {
   if (byReason.length === 1) return <span class="quiet">{of[0]!.reason}</span>;
   return (
     <details>
-      <summary>{byReason.length} {t("draw.reasons")}</summary>
+      <summary>
+        {byReason.length} {t("draw.reasons")}
+      </summary>
       {byReason.map(([name, strokes]) => (
-        <label key={name} class="line"><input type="checkbox" checked={!hidden.has(name)} onChange={() => turn(name)} />{strokes[0]!.reason} ({strokes.length})</label>
+        <label key={name} class="line">
+          <input type="checkbox" checked={!hidden.has(name)} onChange={() => turn(name)} />
+          {strokes[0]!.reason} ({strokes.length})
+        </label>
       ))}
     </details>
   );
 }
 
 export function StrokeLayers({ strokes, hidden, setHidden }: StrokeLayersProps) {
-  const byLayer = [...Map.groupBy(strokes, (one) => one.layer)].sort(([a], [b]) => Number(KEPT.includes(b)) - Number(KEPT.includes(a)) || (a < b ? -1 : 1));
+  const byLayer = [...Map.groupBy(strokes, (one) => one.layer)].sort(
+    ([a], [b]) => Number(KEPT.includes(b)) - Number(KEPT.includes(a)) || (a < b ? -1 : 1),
+  );
   const turn = (name: string) => {
     const next = new Set(hidden);
     if (!next.delete(name)) next.add(name);

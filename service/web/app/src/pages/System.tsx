@@ -24,14 +24,23 @@ export function System() {
   const { ready, stats } = value;
   return (
     <>
-      <div class="title"><h1>{t("nav.system")}</h1></div>
+      <div class="title">
+        <h1>{t("nav.system")}</h1>
+      </div>
       <div class="cards">
         <section class="card">
           <h2>{t("system.health")}</h2>
-          {ready instanceof Refused ? <Failure error={ready} /> : (
+          {ready instanceof Refused ? (
+            <Failure error={ready} />
+          ) : (
             <>
               <Chip tone="good">{t("system.ok")}</Chip>
-              <dl>{Object.entries(ready.checks).map(([name, found]) => [<dt key={name}>{name}</dt>, <dd key={`${name}-found`}>{found}</dd>])}</dl>
+              <dl>
+                {Object.entries(ready.checks).map(([name, found]) => [
+                  <dt key={name}>{name}</dt>,
+                  <dd key={`${name}-found`}>{found}</dd>,
+                ])}
+              </dl>
             </>
           )}
         </section>
@@ -39,8 +48,12 @@ export function System() {
           <section class="card">
             <h2>{t("nav.jobs")}</h2>
             <dl>
-              {Object.entries(stats.jobs).map(([state, number]) => [<dt key={state}>{named("state", state)}</dt>, <dd key={`${state}-n`}>{number}</dd>])}
-              <dt>{t("system.queue")}</dt><dd>{Math.round(stats.queue_age_s)} s</dd>
+              {Object.entries(stats.jobs).map(([state, number]) => [
+                <dt key={state}>{named("state", state)}</dt>,
+                <dd key={`${state}-n`}>{number}</dd>,
+              ])}
+              <dt>{t("system.queue")}</dt>
+              <dd>{Math.round(stats.queue_age_s)} s</dd>
             </dl>
           </section>
         )}
@@ -48,16 +61,23 @@ export function System() {
           <section class="card">
             <h2>{t("system.totals")}</h2>
             <dl>
-              {Object.entries(stats.totals).map(([name, number]) => [<dt key={name}>{named("map", name)}</dt>, <dd key={`${name}-n`}>{number}</dd>])}
-              <dt>{t("overview.stored")}</dt><dd>{bytesText(stats.stored_bytes)}</dd>
-              <dt>{t("overview.free")}</dt><dd>{bytesText(stats.free_bytes)}</dd>
+              {Object.entries(stats.totals).map(([name, number]) => [
+                <dt key={name}>{named("map", name)}</dt>,
+                <dd key={`${name}-n`}>{number}</dd>,
+              ])}
+              <dt>{t("overview.stored")}</dt>
+              <dd>{bytesText(stats.stored_bytes)}</dd>
+              <dt>{t("overview.free")}</dt>
+              <dd>{bytesText(stats.free_bytes)}</dd>
             </dl>
           </section>
         )}
         <section class="card">
           <h2>{t("system.version")}</h2>
           <p>Groundplan {value.version}</p>
-          <p><a href="/docs">{t("system.reference")}</a></p>
+          <p>
+            <a href="/docs">{t("system.reference")}</a>
+          </p>
         </section>
       </div>
     </>

@@ -27,11 +27,20 @@ function Where({ mapId, said }: { mapId: string; said: (rough: Rough | null) => 
   return (
     <>
       <p>{t("tablet.whereHelp")}</p>
-      <TapPlan walls={value.walls} value={rough?.value ?? null} turned={rough?.turned ?? false} label={t("tablet.where")}
-        set={(where, turned) => setRough({ value: where, turned })} />
+      <TapPlan
+        walls={value.walls}
+        value={rough?.value ?? null}
+        turned={rough?.turned ?? false}
+        label={t("tablet.where")}
+        set={(where, turned) => setRough({ value: where, turned })}
+      />
       <div class="chips">
-        <button class="huge" type="button" onClick={() => said(null)}>{t("tablet.leaveOut")}</button>
-        <button class="primary huge" type="button" disabled={!rough} onClick={() => said(rough!.value)}>{t("tablet.send")}</button>
+        <button class="huge" type="button" onClick={() => said(null)}>
+          {t("tablet.leaveOut")}
+        </button>
+        <button class="primary huge" type="button" disabled={!rough} onClick={() => said(rough!.value)}>
+          {t("tablet.send")}
+        </button>
       </div>
     </>
   );
@@ -44,7 +53,13 @@ function Chosen({ choose }: { choose: (map: SiteMap) => void }) {
       <Failure error={error} />
       {!value && !error && <Loading />}
       <ul class="big-choice">
-        {value?.map((map) => <li key={map.id}><button class="huge" type="button" onClick={() => choose(map)}><span class="quiet">{map.site}</span> {map.name}</button></li>)}
+        {value?.map((map) => (
+          <li key={map.id}>
+            <button class="huge" type="button" onClick={() => choose(map)}>
+              <span class="quiet">{map.site}</span> {map.name}
+            </button>
+          </li>
+        ))}
       </ul>
     </>
   );
@@ -56,7 +71,8 @@ export default function TabletPage() {
   const [file, setFile] = useState<File | null>(null);
   const [parcels, setParcels] = useState<Parcel[] | null>(null);
   useEffect(() => {
-    if (isSecureContext && "serviceWorker" in navigator) void navigator.serviceWorker.register("/tablet-worker.js", { scope: "/tablet" });
+    if (isSecureContext && "serviceWorker" in navigator)
+      void navigator.serviceWorker.register("/tablet-worker.js", { scope: "/tablet" });
     const found = (all: Parcel[]) => {
       setParcels(all);
       if (all.length) setStep("sending");
@@ -72,30 +88,69 @@ export default function TabletPage() {
     setParcels((all) => all!.filter((one) => one.once !== parcel.once));
     if (parcels!.length === 1 && step === "sending") setStep("map");
   };
-  const titles: Record<Step, string> = { how: t("tablet.title"), map: t("tablet.map"), file: t("tablet.file"), where: t("tablet.where"), sending: t("tablet.title") };
+  const titles: Record<Step, string> = {
+    how: t("tablet.title"),
+    map: t("tablet.map"),
+    file: t("tablet.file"),
+    where: t("tablet.where"),
+    sending: t("tablet.title"),
+  };
   const before: Partial<Record<Step, Step>> = { map: "how", file: "map", where: "file" };
-  if (!parcels) return <main class="tablet"><Loading /></main>;
+  if (!parcels)
+    return (
+      <main class="tablet">
+        <Loading />
+      </main>
+    );
   return (
     <main class="tablet">
       <div class="title">
-        {before[step] && <button type="button" onClick={() => setStep(before[step]!)}>← {t("tablet.back")}</button>}
-        <h1>{titles[step]}</h1><span class="spread" />
-        <a class="button" href="/#/">{t("nav.overview")}</a>
+        {before[step] && (
+          <button type="button" onClick={() => setStep(before[step]!)}>
+            ← {t("tablet.back")}
+          </button>
+        )}
+        <h1>{titles[step]}</h1>
+        <span class="spread" />
+        <a class="button" href="/#/">
+          {t("nav.overview")}
+        </a>
       </div>
       <FullStorage />
       {step === "how" && <HowTo begin={() => setStep("map")} />}
-      {step === "map" && <Chosen choose={(one) => { setMap(one); setStep("file"); }} />}
+      {step === "map" && (
+        <Chosen
+          choose={(one) => {
+            setMap(one);
+            setStep("file");
+          }}
+        />
+      )}
       {step === "file" && (
-        <label class="button primary-look huge">{t("tablet.file")}
-          <input class="hidden" type="file" onChange={(event) => {
-            const picked = event.currentTarget.files?.[0];
-            if (picked) { setFile(picked); setStep("where"); }
-          }} />
+        <label class="button primary-look huge">
+          {t("tablet.file")}
+          <input
+            class="hidden"
+            type="file"
+            onChange={(event) => {
+              const picked = event.currentTarget.files?.[0];
+              if (picked) {
+                setFile(picked);
+                setStep("where");
+              }
+            }}
+          />
         </label>
       )}
       {step === "where" && <Where mapId={map!.id} said={(rough) => void dispatch(rough)} />}
-      {parcels.map((parcel) => <SentScan key={parcel.once} parcel={parcel} putAway={() => putAway(parcel)} />)}
-      {step === "sending" && <button class="huge" type="button" onClick={() => setStep("map")}>{t("tablet.another")}</button>}
+      {parcels.map((parcel) => (
+        <SentScan key={parcel.once} parcel={parcel} putAway={() => putAway(parcel)} />
+      ))}
+      {step === "sending" && (
+        <button class="huge" type="button" onClick={() => setStep("map")}>
+          {t("tablet.another")}
+        </button>
+      )}
       {!isSecureContext && <p class="quiet">{t("tablet.insecure")}</p>}
     </main>
   );

@@ -36,17 +36,31 @@ export function Graph({ revisions, published }: { revisions: readonly Revision[]
           const parent = node.revision.parent_n === null ? undefined : placed.get(node.revision.parent_n);
           if (!parent) return null;
           const [[x, y], [px, py]] = [at(node), at(parent)];
-          return <path key={node.revision.n} class="edge" d={`M${x} ${y}C${x} ${y + STEP} ${px} ${py - STEP} ${px} ${py}`} />;
+          return (
+            <path key={node.revision.n} class="edge" d={`M${x} ${y}C${x} ${y + STEP} ${px} ${py - STEP} ${px} ${py}`} />
+          );
         })}
-        {nodes.map((node) => <circle key={node.revision.n} class={`node ${node.revision.n === published ? "live-node" : node.revision.status}`} cx={at(node)[0]} cy={at(node)[1]} r={7} />)}
+        {nodes.map((node) => (
+          <circle
+            key={node.revision.n}
+            class={`node ${node.revision.n === published ? "live-node" : node.revision.status}`}
+            cx={at(node)[0]}
+            cy={at(node)[1]}
+            r={7}
+          />
+        ))}
       </svg>
       <ol>
-        {[...nodes].sort((a, b) => a.row - b.row).map(({ revision }) => (
-          <li key={revision.n}>
-            <strong>{revision.n}</strong> {named("revision", revision.status)} · {whenText(revision.created_at)} · <code>{revision.created_by}</code>
-            {revision.reason && ` · ${revision.reason}`}{revision.parent_n !== null && ` · ${t("revisions.from")} ${revision.parent_n}`}
-          </li>
-        ))}
+        {[...nodes]
+          .sort((a, b) => a.row - b.row)
+          .map(({ revision }) => (
+            <li key={revision.n}>
+              <strong>{revision.n}</strong> {named("revision", revision.status)} · {whenText(revision.created_at)} ·{" "}
+              <code>{revision.created_by}</code>
+              {revision.reason && ` · ${revision.reason}`}
+              {revision.parent_n !== null && ` · ${t("revisions.from")} ${revision.parent_n}`}
+            </li>
+          ))}
       </ol>
     </div>
   );

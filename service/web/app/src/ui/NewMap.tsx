@@ -18,10 +18,18 @@ export function NewMap({ close }: { close: () => void }) {
   return (
     <Dialog title={t("overview.newMap")} close={close}>
       <form onSubmit={(event) => void submit(event as unknown as SubmitEvent)}>
-        <label>{t("map.site")}<input name="site" required maxlength={200} autofocus /></label>
-        <label>{t("map.name")}<input name="name" required maxlength={200} /></label>
+        <label>
+          {t("map.site")}
+          <input name="site" required maxlength={200} autofocus />
+        </label>
+        <label>
+          {t("map.name")}
+          <input name="name" required maxlength={200} />
+        </label>
         <Failure error={error} />
-        <button class="primary" type="submit">{t("map.make")}</button>
+        <button class="primary" type="submit">
+          {t("map.make")}
+        </button>
       </form>
     </Dialog>
   );

@@ -87,16 +87,39 @@ export function Rows<T>({ label, path, columns, keyOf, refresh = 0, none, keep }
   return (
     <>
       <Failure error={error} />
-      {done && items.length === 0 ? <p class="none">{none ?? t("empty")}</p> : (
-        <div class="rows" ref={box} onScroll={look} tabIndex={0} role="table" aria-label={label} aria-rowcount={done ? items.length + 1 : -1}>
+      {done && items.length === 0 ? (
+        <p class="none">{none ?? t("empty")}</p>
+      ) : (
+        <div
+          class="rows"
+          ref={box}
+          onScroll={look}
+          tabIndex={0}
+          role="table"
+          aria-label={label}
+          aria-rowcount={done ? items.length + 1 : -1}
+        >
           <div class="row head" role="row" aria-rowindex={1} style={grid}>
-            {columns.map((column) => <span key={column.name} role="columnheader">{column.name}</span>)}
+            {columns.map((column) => (
+              <span key={column.name} role="columnheader">
+                {column.name}
+              </span>
+            ))}
           </div>
           <div class="rows-body" role="rowgroup" style={{ height: `${items.length * ROW_PX}px` }}>
             {items.slice(span.from, span.to).map((row, k) => (
-              <div key={keyOf(row)} class="row" role="row" aria-rowindex={span.from + k + 2}
-                style={{ ...grid, transform: `translateY(${(span.from + k) * ROW_PX}px)` }}>
-                {columns.map((column) => <span key={column.name} role="cell">{column.show(row)}</span>)}
+              <div
+                key={keyOf(row)}
+                class="row"
+                role="row"
+                aria-rowindex={span.from + k + 2}
+                style={{ ...grid, transform: `translateY(${(span.from + k) * ROW_PX}px)` }}
+              >
+                {columns.map((column) => (
+                  <span key={column.name} role="cell">
+                    {column.show(row)}
+                  </span>
+                ))}
               </div>
             ))}
           </div>

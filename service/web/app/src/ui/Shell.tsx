@@ -39,27 +39,57 @@ export function Shell({ session, path, signedOut, languageChanged, children }: S
   };
   return (
     <>
-      <a class="skip" href="#content" onClick={(event) => { event.preventDefault(); document.getElementById("content")?.focus(); }}>{t("nav.skip")}</a>
+      <a
+        class="skip"
+        href="#content"
+        onClick={(event) => {
+          event.preventDefault();
+          document.getElementById("content")?.focus();
+        }}
+      >
+        {t("nav.skip")}
+      </a>
       <header class="bar">
-        <a class="brand" href="#/"><img src="/icon.svg" alt="" width={28} height={28} />Groundplan</a>
+        <a class="brand" href="#/">
+          <img src="/icon.svg" alt="" width={28} height={28} />
+          Groundplan
+        </a>
         {session.role !== "robot" && (
           <nav aria-label={t("nav.label")}>
-            {pages.filter(([, , offered]) => offered).map(([at, name]) => (
-              <a key={at} href={`#/${at}`} aria-current={here === at ? "page" : undefined}>{t(name)}</a>
-            ))}
+            {pages
+              .filter(([, , offered]) => offered)
+              .map(([at, name]) => (
+                <a key={at} href={`#/${at}`} aria-current={here === at ? "page" : undefined}>
+                  {t(name)}
+                </a>
+              ))}
             <a href="/tablet">{t("nav.tablet")}</a>
           </nav>
         )}
         <span class="spread" />
         <span class="who">{named("role", session.role)}</span>
-        <select aria-label={t("language.choose")} value={language}
-          onChange={(event) => void choose(event.currentTarget.value).then(languageChanged)}>
-          {languages.map((code) => <option key={code} value={code}>{own(code)}</option>)}
+        <select
+          aria-label={t("language.choose")}
+          value={language}
+          onChange={(event) => void choose(event.currentTarget.value).then(languageChanged)}
+        >
+          {languages.map((code) => (
+            <option key={code} value={code}>
+              {own(code)}
+            </option>
+          ))}
         </select>
-        <button class="plain" type="button" onClick={turnTheme} aria-label={t("theme")} title={t("theme")}>◐</button>
-        <button class="plain" type="button" onClick={() => void leave()}>{t("signOut")}</button>
+        <button class="plain" type="button" onClick={turnTheme} aria-label={t("theme")} title={t("theme")}>
+          ◐
+        </button>
+        <button class="plain" type="button" onClick={() => void leave()}>
+          {t("signOut")}
+        </button>
       </header>
-      <main id="content" tabIndex={-1}><FullStorage />{children}</main>
+      <main id="content" tabIndex={-1}>
+        <FullStorage />
+        {children}
+      </main>
     </>
   );
 }

@@ -4,7 +4,11 @@ import { useEffect, useRef } from "preact/hooks";
 import { Refused, type Job } from "../api/client";
 import { named, t } from "../i18n";
 
-export const Loading = () => <p class="loading" role="status">{t("loading")}…</p>;
+export const Loading = () => (
+  <p class="loading" role="status">
+    {t("loading")}…
+  </p>
+);
 
 /** What went wrong, in the service's own words, with the page that explains it. */
 export function Failure({ error }: { error: unknown }) {
@@ -14,7 +18,11 @@ export function Failure({ error }: { error: unknown }) {
     <div class="failure" role="alert">
       <strong>{refused?.title ?? String(error)}</strong>
       {refused && <p>{refused.detail}</p>}
-      {refused && refused.type !== "about:blank" && <a href={refused.type} target="_blank" rel="noreferrer">{t("more")}</a>}
+      {refused && refused.type !== "about:blank" && (
+        <a href={refused.type} target="_blank" rel="noreferrer">
+          {t("more")}
+        </a>
+      )}
     </div>
   );
 }
@@ -23,15 +31,25 @@ export const Chip = ({ tone, children }: { tone: string; children: ComponentChil
   <span class={`chip ${tone}`}>{children}</span>
 );
 
-const JOB_TONES: Record<string, string> = { queued: "quiet", running: "busy", succeeded: "good", failed: "bad", cancelled: "quiet" };
-export const StateChip = ({ job }: { job: Job }) => <Chip tone={JOB_TONES[job.state]!}>{named("state", job.state)}</Chip>;
+const JOB_TONES: Record<string, string> = {
+  queued: "quiet",
+  running: "busy",
+  succeeded: "good",
+  failed: "bad",
+  cancelled: "quiet",
+};
+export const StateChip = ({ job }: { job: Job }) => (
+  <Chip tone={JOB_TONES[job.state]!}>{named("state", job.state)}</Chip>
+);
 
 export function Progress({ job }: { job: Job }) {
   const percent = Math.round(job.fraction * 100);
   return (
     <div class="progress">
       <progress max={100} value={percent} aria-label={named("kind", job.kind)} />
-      <span>{job.stage ?? named("state", job.state)} · {percent} %</span>
+      <span>
+        {job.stage ?? named("state", job.state)} · {percent} %
+      </span>
     </div>
   );
 }
@@ -49,7 +67,9 @@ export function Dialog({ title, close, children }: DialogProps) {
     <dialog ref={dialog} onClose={close} aria-label={title}>
       <header>
         <h2>{title}</h2>
-        <button class="plain" type="button" onClick={close} aria-label={t("close")}>✕</button>
+        <button class="plain" type="button" onClick={close} aria-label={t("close")}>
+          ✕
+        </button>
       </header>
       {children}
     </dialog>

@@ -52,9 +52,20 @@ export function GridPlan({ grid, label, tapped, children }: GridPlanProps) {
     tapped?.([at.x, -at.y]);
   };
   return (
-    <div class="grid-plan" ref={(node) => { if (node) node.style.aspectRatio = `${wide} / ${high}`; }}>
+    <div
+      class="grid-plan"
+      ref={(node) => {
+        if (node) node.style.aspectRatio = `${wide} / ${high}`;
+      }}
+    >
       <GridPicture grid={grid} extent={grid} />
-      <svg ref={overlay} viewBox={`${grid.low[0]} ${-grid.high[1]} ${wide} ${high}`} role="img" aria-label={label} onClick={tap}>
+      <svg
+        ref={overlay}
+        viewBox={`${grid.low[0]} ${-grid.high[1]} ${wide} ${high}`}
+        role="img"
+        aria-label={label}
+        onClick={tap}
+      >
         {children}
       </svg>
     </div>
@@ -62,4 +73,5 @@ export function GridPlan({ grid, label, tapped, children }: GridPlanProps) {
 }
 
 /** Corners as an SVG's `points`. */
-export const cornersOf = (within: readonly (readonly number[])[]): string => within.map(([x, y]) => `${x},${-y!}`).join(" ");
+export const cornersOf = (within: readonly (readonly number[])[]): string =>
+  within.map(([x, y]) => `${x},${-y!}`).join(" ");

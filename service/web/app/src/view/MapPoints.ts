@@ -1,6 +1,21 @@
 /** A map's points on a stage: few from afar, all of them near by, never more than 200,000. */
 import {
-  Box3, BufferAttribute, BufferGeometry, type Camera, Color, Frustum, Group, InterleavedBuffer, InterleavedBufferAttribute, Matrix4, OrthographicCamera, Points, PointsMaterial, type Ray, Sphere, Vector3,
+  Box3,
+  BufferAttribute,
+  BufferGeometry,
+  type Camera,
+  Color,
+  Frustum,
+  Group,
+  InterleavedBuffer,
+  InterleavedBufferAttribute,
+  Matrix4,
+  OrthographicCamera,
+  Points,
+  PointsMaterial,
+  type Ray,
+  Sphere,
+  Vector3,
 } from "three";
 import type { Cloud } from "./cloud";
 import { placeOf, type MapCloud, type OctreeNode, type Records } from "./octree";
@@ -16,8 +31,15 @@ const LEAST_REACH_M = 0.02;
 type Shown = Points<BufferGeometry, PointsMaterial>;
 
 /** Blue below to pale above, so that walls read as walls. */
-function coloursOf(heights: (k: number) => number, count: number, { low, high }: Cloud, dark: boolean): BufferAttribute {
-  const [floor, top] = dark ? [new Color("#3b6ea5"), new Color("#c9def5")] : [new Color("#a9c3df"), new Color("#0b3763")];
+function coloursOf(
+  heights: (k: number) => number,
+  count: number,
+  { low, high }: Cloud,
+  dark: boolean,
+): BufferAttribute {
+  const [floor, top] = dark
+    ? [new Color("#3b6ea5"), new Color("#c9def5")]
+    : [new Color("#a9c3df"), new Color("#0b3763")];
   const colours = new Float32Array(3 * count);
   const span = Math.max(0.1, high[2] - low[2]);
   const mixed = new Color();
@@ -39,13 +61,21 @@ export class MapPoints {
   private settling = 0;
 
   /** `changed` is told when other points are shown than before; `most` is how many may be held. */
-  constructor(private readonly map: MapCloud, private readonly dark: boolean, most: number, private readonly changed: () => void) {
+  constructor(
+    private readonly map: MapCloud,
+    private readonly dark: boolean,
+    most: number,
+    private readonly changed: () => void,
+  ) {
     this.most = most - map.overview.xyz.length / 3;
     for (const [node, records] of map.first) this.show(node, records);
     if (map.octree) return;
     const { overview } = map;
     const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(overview.xyz, 3));
-    geometry.setAttribute("color", coloursOf((k) => overview.xyz[3 * k + 2]!, overview.xyz.length / 3, overview, dark));
+    geometry.setAttribute(
+      "color",
+      coloursOf((k) => overview.xyz[3 * k + 2]!, overview.xyz.length / 3, overview, dark),
+    );
     this.whole = new Points(geometry, this.material);
     this.group.add(this.whole);
   }
@@ -99,7 +129,9 @@ export class MapPoints {
   }
 
   private choose(camera: Camera, heightPx: number): void {
-    const frustum = new Frustum().setFromProjectionMatrix(new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse));
+    const frustum = new Frustum().setFromProjectionMatrix(
+      new Matrix4().multiplyMatrices(camera.projectionMatrix, camera.matrixWorldInverse),
+    );
     const queue: { node: OctreeNode; px: number }[] = [{ node: this.map.octree!.root, px: Infinity }];
     const wanted: OctreeNode[] = [];
     let sum = 0;
@@ -132,23 +164,29 @@ export class MapPoints {
     if (!node) return;
     const stop = new AbortController();
     this.loading.set(node, stop);
-    this.map.octree!.load(node, stop.signal).then(
-      (records) => {
-        if (this.loading.get(node) === stop) this.show(node, records);
-      },
-      () => undefined,
-    ).finally(() => {
-      if (this.loading.get(node) !== stop) return;
-      this.loading.delete(node);
-      this.loadNext();
-      this.changed();
-    });
+    this.map
+      .octree!.load(node, stop.signal)
+      .then(
+        (records) => {
+          if (this.loading.get(node) === stop) this.show(node, records);
+        },
+        () => undefined,
+      )
+      .finally(() => {
+        if (this.loading.get(node) !== stop) return;
+        this.loading.delete(node);
+        this.loadNext();
+        this.changed();
+      });
   }
 
   private show(node: OctreeNode, records: Records): void {
     const geometry = new BufferGeometry();
     geometry.setAttribute("position", new InterleavedBufferAttribute(new InterleavedBuffer(records, 4), 3, 0, true));
-    geometry.setAttribute("color", coloursOf((k) => placeOf(node, records, k, 2), node.count, this.map.overview, this.dark));
+    geometry.setAttribute(
+      "color",
+      coloursOf((k) => placeOf(node, records, k, 2), node.count, this.map.overview, this.dark),
+    );
     geometry.boundingSphere = new Sphere(new Vector3(0.5, 0.5, 0.5), 0.9);
     const points = new Points(geometry, this.material);
     points.position.set(...node.low);
@@ -186,10 +224,14 @@ function within(node: OctreeNode, sphere: Sphere): OctreeNode[] {
 class Nearest {
   private readonly found: { x: number; y: number; z: number; along: number; off: number }[] = [];
 
-  constructor(private readonly ray: Ray, private readonly reach: (distance: number) => number) {}
+  constructor(
+    private readonly ray: Ray,
+    private readonly reach: (distance: number) => number,
+  ) {}
 
   take(node: OctreeNode, records: Records): void {
-    for (let k = 0; k < node.count; k++) this.see(placeOf(node, records, k, 0), placeOf(node, records, k, 1), placeOf(node, records, k, 2));
+    for (let k = 0; k < node.count; k++)
+      this.see(placeOf(node, records, k, 0), placeOf(node, records, k, 1), placeOf(node, records, k, 2));
   }
 
   takeCloud({ xyz }: Cloud): void {

@@ -28,9 +28,13 @@ export function MiniPlan({ map, scan, T, label }: MiniPlanProps) {
     pen.fillStyle = "#52708f";
     each(map, (x, y, z) => z > map.low[2] + 0.3 && dot(x, y, 1));
     pen.fillStyle = "#e65100";
-    each(scan, (x, y, z) => dot(
-      T[0]![0]! * x + T[0]![1]! * y + T[0]![2]! * z + T[0]![3]!, T[1]![0]! * x + T[1]![1]! * y + T[1]![2]! * z + T[1]![3]!, 1.4,
-    ));
+    each(scan, (x, y, z) =>
+      dot(
+        T[0]![0]! * x + T[0]![1]! * y + T[0]![2]! * z + T[0]![3]!,
+        T[1]![0]! * x + T[1]![1]! * y + T[1]![2]! * z + T[1]![3]!,
+        1.4,
+      ),
+    );
   }, [map, scan, T]);
   return <canvas ref={canvas} width={WIDTH} height={HEIGHT} role="img" aria-label={label} />;
 }

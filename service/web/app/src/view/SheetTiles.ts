@@ -32,7 +32,10 @@ export class SheetTiles {
   private wanted: string[] = [];
   private left = false;
 
-  private constructor(private readonly told: Told, private readonly path: string) {
+  private constructor(
+    private readonly told: Told,
+    private readonly path: string,
+  ) {
     let begin = 0;
     for (const [level, column, row, bytes] of told.tiles) {
       this.places.set(nameOf(level, column, row), { begin, bytes });
@@ -63,7 +66,9 @@ export class SheetTiles {
   /** Draw what is in sight, coarser where the tiles are not there yet; `again` is called when they are. */
   draw(pen: CanvasRenderingContext2D, sight: Sight, again: () => void): void {
     const finest = Math.min(this.told.levels - 1, Math.max(0, Math.floor(Math.log2(1 / sight.zoom))));
-    const wanted = this.inSight(sight, finest).map(([column, row]) => nameOf(finest, column, row)).filter((name) => this.places.has(name));
+    const wanted = this.inSight(sight, finest)
+      .map(([column, row]) => nameOf(finest, column, row))
+      .filter((name) => this.places.has(name));
     for (let level = this.told.levels - 1; level >= finest; level--) {
       for (const [column, row] of this.inSight(sight, level)) this.drawTile(pen, level, column, row);
     }
@@ -84,7 +89,12 @@ export class SheetTiles {
     const [wide, high] = this.told.size_px;
     const found: [number, number][] = [];
     for (let row = Math.max(0, Math.floor(sight.top / edge)); row * edge < Math.min(sight.bottom, high); row++) {
-      for (let column = Math.max(0, Math.floor(sight.left / edge)); column * edge < Math.min(sight.right, wide); column++) found.push([column, row]);
+      for (
+        let column = Math.max(0, Math.floor(sight.left / edge));
+        column * edge < Math.min(sight.right, wide);
+        column++
+      )
+        found.push([column, row]);
     }
     return found;
   }
@@ -103,24 +113,31 @@ export class SheetTiles {
     const name = this.wanted.shift();
     if (name === undefined) return;
     this.loading.add(name);
-    void this.load(name).then((bitmap) => {
-      if (this.left) return bitmap.close();
-      this.kept.set(name, bitmap);
-      for (const oldest of [...this.kept.keys()].slice(0, Math.max(0, this.kept.size - MOST_KEPT))) {
-        this.kept.get(oldest)!.close();
-        this.kept.delete(oldest);
-      }
-    }, () => undefined).finally(() => {
-      this.loading.delete(name);
-      if (this.left) return;
-      this.loadNext(again);
-      again();
-    });
+    void this.load(name)
+      .then(
+        (bitmap) => {
+          if (this.left) return bitmap.close();
+          this.kept.set(name, bitmap);
+          for (const oldest of [...this.kept.keys()].slice(0, Math.max(0, this.kept.size - MOST_KEPT))) {
+            this.kept.get(oldest)!.close();
+            this.kept.delete(oldest);
+          }
+        },
+        () => undefined,
+      )
+      .finally(() => {
+        this.loading.delete(name);
+        if (this.left) return;
+        this.loadNext(again);
+        again();
+      });
   }
 
   private async load(name: string): Promise<ImageBitmap> {
     const { begin, bytes } = this.places.get(name)!;
-    const answer = await send("GET", this.path, { headers: { Range: `bytes=${begin}-${begin + bytes - 1}`, "If-Range": `"${this.told.sha256}"` } });
+    const answer = await send("GET", this.path, {
+      headers: { Range: `bytes=${begin}-${begin + bytes - 1}`, "If-Range": `"${this.told.sha256}"` },
+    });
     if (answer.status !== 206) throw new Error("The drawing was read anew: load the page again.");
     return createImageBitmap(new Blob([await answer.arrayBuffer()], { type: "image/png" }));
   }

@@ -4,8 +4,23 @@ import type { SheetTiles } from "./SheetTiles";
 import { isHidden, type Point, type Stroke } from "./sheet";
 
 const COLOURS: Record<string, string> = {
-  wall: "#141414", column: "#6e3c96", text: "#cd2850", dimension: "#d07800", hatch: "#6f9020", furniture: "#1f86a8", stair: "#a03cb0", door: "#1c8048", window: "#3060e0",
-  frame: "#8a7450", grid: "#98784a", dashed: "#d0408c", symbol: "#e04f28", speck: "#88884a", "light-pen": "#6080a0", small: "#b06a6a", other: "#c06a30",
+  wall: "#141414",
+  column: "#6e3c96",
+  text: "#cd2850",
+  dimension: "#d07800",
+  hatch: "#6f9020",
+  furniture: "#1f86a8",
+  stair: "#a03cb0",
+  door: "#1c8048",
+  window: "#3060e0",
+  frame: "#8a7450",
+  grid: "#98784a",
+  dashed: "#d0408c",
+  symbol: "#e04f28",
+  speck: "#88884a",
+  "light-pen": "#6080a0",
+  small: "#b06a6a",
+  other: "#c06a30",
 };
 export const colourOf = (layer: string): string => COLOURS[layer] ?? COLOURS.other!;
 
@@ -52,12 +67,17 @@ export class SheetView {
   private rest: ReturnType<typeof setTimeout> | undefined;
   private lasso = false;
 
-  constructor(private readonly canvas: HTMLCanvasElement, private readonly sheet: Point, private readonly listener: Listener) {
+  constructor(
+    private readonly canvas: HTMLCanvasElement,
+    private readonly sheet: Point,
+    private readonly listener: Listener,
+  ) {
     this.view = { x: sheet[0] / 2, y: sheet[1] / 2, zoom: 1 };
     delete canvas.dataset.drawn;
     const leave = followPointers(canvas, {
       grabs: (x, y) => this.began(x, y),
-      move: (drawing, dx, dy, zoom, _turn, x, y) => (drawing && zoom === 1 ? this.drew(x, y) : this.pan(dx, dy, zoom, x, y)),
+      move: (drawing, dx, dy, zoom, _turn, x, y) =>
+        drawing && zoom === 1 ? this.drew(x, y) : this.pan(dx, dy, zoom, x, y),
       wanted: () => true,
       ended: (x, y) => this.ended(x, y),
     });
@@ -94,7 +114,11 @@ export class SheetView {
 
   fit(): void {
     const { clientWidth: wide, clientHeight: high } = this.canvas;
-    this.view = { x: this.sheet[0] / 2, y: this.sheet[1] / 2, zoom: 0.94 * Math.min(wide / this.sheet[0], high / this.sheet[1]) || 1 };
+    this.view = {
+      x: this.sheet[0] / 2,
+      y: this.sheet[1] / 2,
+      zoom: 0.94 * Math.min(wide / this.sheet[0], high / this.sheet[1]) || 1,
+    };
     this.redraw();
   }
 
@@ -144,7 +168,10 @@ export class SheetView {
 
   private at(x: number, y: number): Point {
     const box = this.canvas.getBoundingClientRect();
-    return [this.view.x + (x - box.left - box.width / 2) / this.view.zoom, this.view.y - (y - box.top - box.height / 2) / this.view.zoom];
+    return [
+      this.view.x + (x - box.left - box.width / 2) / this.view.zoom,
+      this.view.y - (y - box.top - box.height / 2) / this.view.zoom,
+    ];
   }
 
   private began(x: number, y: number): boolean {
@@ -165,7 +192,11 @@ export class SheetView {
     const [fixedX, fixedY] = this.at(x, y);
     const next = Math.min(1e5, Math.max(1e-5, this.view.zoom * zoom));
     const share = this.view.zoom / next;
-    this.view = { x: fixedX + (this.view.x - fixedX) * share - dx / next, y: fixedY + (this.view.y - fixedY) * share + dy / next, zoom: next };
+    this.view = {
+      x: fixedX + (this.view.x - fixedX) * share - dx / next,
+      y: fixedY + (this.view.y - fixedY) * share + dy / next,
+      zoom: next,
+    };
     this.paint();
     clearTimeout(this.rest);
     this.rest = setTimeout(() => this.redraw(), REST_MS);
@@ -186,7 +217,10 @@ export class SheetView {
     this.picture.height = Math.ceil(this.canvas.height * ROOM);
     const pen = this.picture.getContext("2d")!;
     const zoom = this.pictured.zoom * this.ratio();
-    const [left, low] = [this.pictured.x - this.picture.width / 2 / zoom, this.pictured.y - this.picture.height / 2 / zoom];
+    const [left, low] = [
+      this.pictured.x - this.picture.width / 2 / zoom,
+      this.pictured.y - this.picture.height / 2 / zoom,
+    ];
     const [right, top] = [2 * this.pictured.x - left, 2 * this.pictured.y - low];
     pen.setTransform(zoom, 0, 0, -zoom, -left * zoom, top * zoom);
     pen.fillStyle = "#ffffff";
@@ -194,7 +228,14 @@ export class SheetView {
     if (this.tiles) this.drawTiles(pen, { left, low, right, top });
     const paths = new Map<string, Path2D>();
     for (const stroke of this.strokes) {
-      if (isHidden(stroke, this.hidden) || stroke.high[0] < left || stroke.low[0] > right || stroke.high[1] < low || stroke.low[1] > top) continue;
+      if (
+        isHidden(stroke, this.hidden) ||
+        stroke.high[0] < left ||
+        stroke.low[0] > right ||
+        stroke.high[1] < low ||
+        stroke.low[1] > top
+      )
+        continue;
       const key = this.lit.has(stroke.id) ? "lit" : stroke.layer;
       const path = paths.get(key) ?? new Path2D();
       paths.set(key, path);
@@ -207,13 +248,22 @@ export class SheetView {
     this.paint();
   }
 
-  private drawTiles(pen: CanvasRenderingContext2D, { left, low, right, top }: { left: number; low: number; right: number; top: number }): void {
+  private drawTiles(
+    pen: CanvasRenderingContext2D,
+    { left, low, right, top }: { left: number; low: number; right: number; top: number },
+  ): void {
     const units = this.sheet[0] / this.tiles!.size[0];
     const zoom = this.pictured.zoom * this.ratio() * units;
     pen.save();
     pen.transform(units, 0, 0, -units, 0, this.sheet[1]);
     pen.globalAlpha = PIXELS_SEEN;
-    const sight = { left: left / units, right: right / units, top: (this.sheet[1] - top) / units, bottom: (this.sheet[1] - low) / units, zoom };
+    const sight = {
+      left: left / units,
+      right: right / units,
+      top: (this.sheet[1] - top) / units,
+      bottom: (this.sheet[1] - low) / units,
+      zoom,
+    };
     this.tiles!.draw(pen, sight, () => {
       clearTimeout(this.rest);
       this.rest = setTimeout(() => this.redraw(), REST_MS);
@@ -246,7 +296,13 @@ export class SheetView {
       pen.fillStyle = "#ffffff";
       pen.fillRect(0, 0, width, height);
       const [wide, high] = [this.picture.width * share, this.picture.height * share];
-      pen.drawImage(this.picture, width / 2 + (this.pictured.x - this.view.x) * zoom - wide / 2, height / 2 - (this.pictured.y - this.view.y) * zoom - high / 2, wide, high);
+      pen.drawImage(
+        this.picture,
+        width / 2 + (this.pictured.x - this.view.x) * zoom - wide / 2,
+        height / 2 - (this.pictured.y - this.view.y) * zoom - high / 2,
+        wide,
+        high,
+      );
       pen.setTransform(zoom, 0, 0, -zoom, width / 2 - this.view.x * zoom, height / 2 + this.view.y * zoom);
       for (const mark of this.marks) this.outline(pen, mark, zoom);
       if (this.freehand) this.outline(pen, { ring: this.freehand, closed: true, colour: "#0b5cad" }, zoom);
@@ -262,8 +318,30 @@ export class SheetView {
     const { x, y } = this.view;
     const arm = 24 / zoom;
     this.outline(pen, { ring: [...corners, [x, y]], closed: false, colour: "#0b5cad" }, zoom);
-    this.outline(pen, { ring: [[x - arm, y], [x + arm, y]], closed: false, colour: "#d4006a" }, zoom);
-    this.outline(pen, { ring: [[x, y - arm], [x, y + arm]], closed: false, colour: "#d4006a" }, zoom);
+    this.outline(
+      pen,
+      {
+        ring: [
+          [x - arm, y],
+          [x + arm, y],
+        ],
+        closed: false,
+        colour: "#d4006a",
+      },
+      zoom,
+    );
+    this.outline(
+      pen,
+      {
+        ring: [
+          [x, y - arm],
+          [x, y + arm],
+        ],
+        closed: false,
+        colour: "#d4006a",
+      },
+      zoom,
+    );
   }
 
   private outline(pen: CanvasRenderingContext2D, { ring, closed, colour }: Mark, zoom: number): void {

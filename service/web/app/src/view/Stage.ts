@@ -1,6 +1,18 @@
 /** Map and scan as points: from above, where the scan is dragged, or in 3-D, where one looks around. */
 import {
-  BufferAttribute, BufferGeometry, Color, Matrix4, OrthographicCamera, PerspectiveCamera, Points, PointsMaterial, Raycaster, Scene, Vector2, Vector3, WebGLRenderer,
+  BufferAttribute,
+  BufferGeometry,
+  Color,
+  Matrix4,
+  OrthographicCamera,
+  PerspectiveCamera,
+  Points,
+  PointsMaterial,
+  Raycaster,
+  Scene,
+  Vector2,
+  Vector3,
+  WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
 import { matrixOf, moved, type Cloud, type Matrix } from "./cloud";
@@ -54,16 +66,25 @@ export class Stage {
     { map, scan, picked }: { map: MapCloud; scan?: ScanOnStage; picked: (place: Place | null) => void },
   ) {
     this.scan = scan ?? null;
-    const theme = document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
+    const theme =
+      document.documentElement.dataset.theme ?? (matchMedia("(prefers-color-scheme: dark)").matches ? "dark" : "light");
     const dark = theme === "dark";
-    this.renderer = new WebGLRenderer({ canvas, antialias: false, preserveDrawingBuffer: true, powerPreference: "high-performance" });
+    this.renderer = new WebGLRenderer({
+      canvas,
+      antialias: false,
+      preserveDrawingBuffer: true,
+      powerPreference: "high-performance",
+    });
     this.scene.background = new Color(dark ? "#0d1117" : "#ffffff");
     this.mapPoints = new MapPoints(map, dark, MOST_POINTS - (scan ? scan.cloud.xyz.length / 3 : 0), () => this.draw());
     this.scene.add(this.mapPoints.group);
     if (scan) {
       const geometry = new BufferGeometry().setAttribute("position", new BufferAttribute(scan.cloud.xyz, 3));
       geometry.setAttribute("color", new BufferAttribute(new Uint8Array(scan.cloud.xyz.length), 3, true));
-      this.scanPoints = new Points(geometry, new PointsMaterial({ size: 2.5, sizeAttenuation: false, vertexColors: true, depthTest: false }));
+      this.scanPoints = new Points(
+        geometry,
+        new PointsMaterial({ size: 2.5, sizeAttenuation: false, vertexColors: true, depthTest: false }),
+      );
       this.scanPoints.renderOrder = 1;
       this.scanPoints.matrixAutoUpdate = false;
       this.scene.add(this.scanPoints);
@@ -81,12 +102,15 @@ export class Stage {
     const size = Math.max(high[0] - low[0], high[1] - low[1], 4);
     this.room.position.set(centre[0] - size * 0.4, centre[1] - size * 0.8, size * 0.8);
     this.orbit.target.set(centre[0], centre[1], 0);
-    this.away.push(followPointers(canvas, {
-      grabs: (x, y) => this.grabs(x, y),
-      move: (grabbed, dx, dy, zoom, turn, x, y) => (this.drawn ? this.drawOn(x, y) : this.move(grabbed, dx, dy, zoom, turn)),
-      wanted: () => this.mode === "above",
-      ended: () => this.endLasso(),
-    }));
+    this.away.push(
+      followPointers(canvas, {
+        grabs: (x, y) => this.grabs(x, y),
+        move: (grabbed, dx, dy, zoom, turn, x, y) =>
+          this.drawn ? this.drawOn(x, y) : this.move(grabbed, dx, dy, zoom, turn),
+        wanted: () => this.mode === "above",
+        ended: () => this.endLasso(),
+      }),
+    );
     const watch = new ResizeObserver(() => this.resize());
     watch.observe(canvas);
     this.away.push(() => watch.disconnect());
@@ -108,7 +132,9 @@ export class Stage {
     if (!held) return;
     const { r, g, b } = new Color(OFF_COLOUR);
     if (colours) {
-      const linear = Array.from({ length: 256 }, (_, value) => Math.round(255 * new Color().setRGB(value / 255, 0, 0, "srgb").r));
+      const linear = Array.from({ length: 256 }, (_, value) =>
+        Math.round(255 * new Color().setRGB(value / 255, 0, 0, "srgb").r),
+      );
       for (let k = 0; k < colours.length; k++) held.array[k] = linear[colours[k]!]!;
     } else for (let k = 0; k < held.count; k++) held.setXYZ(k, r, g, b);
     held.needsUpdate = true;
@@ -186,9 +212,13 @@ export class Stage {
   private async pick(x: number, y: number): Promise<Place | null> {
     const box = this.canvas.getBoundingClientRect();
     const caster = new Raycaster();
-    caster.setFromCamera(new Vector2(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2), this.camera);
-    const pixel = 2 * Math.tan((this.room.fov * Math.PI) / 360) / Math.max(1, this.canvas.clientHeight);
-    const reach = this.mode === "above" ? () => PICK_PX * this.metresPerPixel() : (distance: number) => PICK_PX * pixel * distance;
+    caster.setFromCamera(
+      new Vector2(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2),
+      this.camera,
+    );
+    const pixel = (2 * Math.tan((this.room.fov * Math.PI) / 360)) / Math.max(1, this.canvas.clientHeight);
+    const reach =
+      this.mode === "above" ? () => PICK_PX * this.metresPerPixel() : (distance: number) => PICK_PX * pixel * distance;
     const found = await this.mapPoints.pick(caster.ray, reach);
     return found && { x: found.x, y: found.y, z: found.z };
   }
@@ -250,7 +280,9 @@ export class Stage {
   /** The map's x and y [m] at a place of the window, seen from above. */
   private placeAt(x: number, y: number): At {
     const box = this.canvas.getBoundingClientRect();
-    const at = new Vector3(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2, 0).unproject(this.plan);
+    const at = new Vector3(((x - box.left) / box.width) * 2 - 1, 1 - ((y - box.top) / box.height) * 2, 0).unproject(
+      this.plan,
+    );
     return [at.x, at.y];
   }
 
@@ -258,7 +290,9 @@ export class Stage {
   private holds(x: number, y: number): boolean {
     if (!this.scanPoints) return false;
     const { low, high } = this.scan!.cloud;
-    const here = new Vector3(...this.placeAt(x, y), this.T[2]![3]!).applyMatrix4(this.scanPoints.matrix.clone().invert());
+    const here = new Vector3(...this.placeAt(x, y), this.T[2]![3]!).applyMatrix4(
+      this.scanPoints.matrix.clone().invert(),
+    );
     const margin = 12 * this.metresPerPixel();
     return [here.x, here.y].every((value, k) => value > low[k]! - margin && value < high[k]! + margin);
   }

@@ -22,9 +22,12 @@ function ringsOf(coordinates: unknown): Ring[] {
 }
 
 export function wallsOf(collection: { features: Feature[] }): Walls {
-  const rings = collection.features.filter((one) => one.geometry.type !== "Point").flatMap((one) => ringsOf(one.geometry.coordinates));
+  const rings = collection.features
+    .filter((one) => one.geometry.type !== "Point")
+    .flatMap((one) => ringsOf(one.geometry.coordinates));
   const all = rings.flat();
-  const bound = (axis: 0 | 1, pick: (a: number, b: number) => number, from: number) => all.reduce((found, at) => pick(found, at[axis]), from);
+  const bound = (axis: 0 | 1, pick: (a: number, b: number) => number, from: number) =>
+    all.reduce((found, at) => pick(found, at[axis]), from);
   return {
     rings,
     low: [bound(0, Math.min, Infinity), bound(1, Math.min, Infinity)],
@@ -45,14 +48,21 @@ export function TapPlan({ walls, value, turned, set, label }: TapPlanProps) {
   const picture = useRef<SVGSVGElement>(null);
   const size = Math.max(walls.high[0] - walls.low[0], walls.high[1] - walls.low[1], 1);
   const margin = size * 0.04;
-  const box = [walls.low[0] - margin, -walls.high[1] - margin, walls.high[0] - walls.low[0] + 2 * margin, walls.high[1] - walls.low[1] + 2 * margin];
+  const box = [
+    walls.low[0] - margin,
+    -walls.high[1] - margin,
+    walls.high[0] - walls.low[0] + 2 * margin,
+    walls.high[1] - walls.low[1] + 2 * margin,
+  ];
   const tapped = (event: MouseEvent) => {
     const at = new DOMPoint(event.clientX, event.clientY).matrixTransform(picture.current!.getScreenCTM()!.inverse());
     const [x, y] = [at.x, -at.y];
     if (value && !turned) set({ ...value, yaw_rad: Math.atan2(y - value.y_m, x - value.x_m) }, true);
     else set({ x_m: x, y_m: y, yaw_rad: 0 }, false);
   };
-  const path = walls.rings.map((ring) => `M${ring.map(([x, y]) => `${x.toFixed(3)} ${(-y).toFixed(3)}`).join("L")}Z`).join("");
+  const path = walls.rings
+    .map((ring) => `M${ring.map(([x, y]) => `${x.toFixed(3)} ${(-y).toFixed(3)}`).join("L")}Z`)
+    .join("");
   return (
     <svg ref={picture} class="tap-plan" viewBox={box.join(" ")} role="img" aria-label={label} onClick={tapped}>
       <path d={path} fill-rule="evenodd" class="walls" stroke-width={size / 400} />

@@ -20,8 +20,17 @@ function headerOf(bytes: Uint8Array): Header | null {
   const end = text.indexOf("DATA binary\n");
   if (end < 0 && bytes.length < 2048) return null;
   if (end < 0) throw new Error("The points have an encoding that this page does not read.");
-  const lines = new Map(text.slice(0, end).split("\n").map((line) => [line.split(" ")[0]!, line.split(" ").slice(1).join(" ")]));
-  const stride = lines.get("SIZE")!.split(" ").map(Number).reduce((sum, size) => sum + size, 0);
+  const lines = new Map(
+    text
+      .slice(0, end)
+      .split("\n")
+      .map((line) => [line.split(" ")[0]!, line.split(" ").slice(1).join(" ")]),
+  );
+  const stride = lines
+    .get("SIZE")!
+    .split(" ")
+    .map(Number)
+    .reduce((sum, size) => sum + size, 0);
   return { stride, points: Number(lines.get("POINTS")), offset: end + "DATA binary\n".length };
 }
 
@@ -41,7 +50,10 @@ class Gathered {
   private seen = 0;
   private kept = 0;
 
-  constructor(private readonly header: Header, most: number) {
+  constructor(
+    private readonly header: Header,
+    most: number,
+  ) {
     this.step = Math.max(1, Math.ceil(header.points / most));
     this.xyz = new Float32Array(Math.ceil(header.points / this.step) * 3);
   }
@@ -101,15 +113,29 @@ export interface Pose {
   yaw: number;
 }
 
-export const poseOf = (T: Matrix): Pose => ({ x: T[0]![3]!, y: T[1]![3]!, z: T[2]![3]!, yaw: Math.atan2(T[1]![0]!, T[0]![0]!) });
+export const poseOf = (T: Matrix): Pose => ({
+  x: T[0]![3]!,
+  y: T[1]![3]!,
+  z: T[2]![3]!,
+  yaw: Math.atan2(T[1]![0]!, T[0]![0]!),
+});
 
 export function matrixOf({ x, y, z, yaw }: Pose): Matrix {
   const [c, s] = [Math.cos(yaw), Math.sin(yaw)];
-  return [[c, -s, 0, x], [s, c, 0, y], [0, 0, 1, z], [0, 0, 0, 1]];
+  return [
+    [c, -s, 0, x],
+    [s, c, 0, y],
+    [0, 0, 1, z],
+    [0, 0, 0, 1],
+  ];
 }
 
 /** Move and turn a pose in the map; it is turned about the point that `pivot` of the scan is at. */
-export function moved(T: Matrix, by: { x: number; y: number; yaw: number }, pivot: readonly [number, number, number]): Matrix {
+export function moved(
+  T: Matrix,
+  by: { x: number; y: number; yaw: number },
+  pivot: readonly [number, number, number],
+): Matrix {
   const [c, s] = [Math.cos(by.yaw), Math.sin(by.yaw)];
   const px = T[0]![0]! * pivot[0] + T[0]![1]! * pivot[1] + T[0]![2]! * pivot[2] + T[0]![3]!;
   const py = T[1]![0]! * pivot[0] + T[1]![1]! * pivot[1] + T[1]![2]! * pivot[2] + T[1]![3]!;

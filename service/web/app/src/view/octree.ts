@@ -74,7 +74,10 @@ function coarsest(depths: readonly number[], inOrder: readonly OctreeNode[]): Oc
 }
 
 export class Octree {
-  private constructor(private readonly path: string, readonly root: OctreeNode) {}
+  private constructor(
+    private readonly path: string,
+    readonly root: OctreeNode,
+  ) {}
 
   /** Open a revision's cloud: its coarsest nodes are loaded at once; one without levels is loaded thinned. */
   static async open(artifacts: string): Promise<MapCloud> {
@@ -82,20 +85,27 @@ export class Octree {
     try {
       told = (await (await send("GET", `${artifacts}/octree.json`)).json()) as Told;
     } catch (cause) {
-      if (cause instanceof Refused && cause.status === 404) return { overview: await loadCloud(`${artifacts}/point-cloud.pcd`), octree: null, first: [] };
+      if (cause instanceof Refused && cause.status === 404)
+        return { overview: await loadCloud(`${artifacts}/point-cloud.pcd`), octree: null, first: [] };
       throw cause;
     }
     const { root, inOrder } = tree(told);
     const octree = new Octree(`${artifacts}/octree.bin`, root);
-    const first = coarsest(told.nodes.map(([depth]) => depth), inOrder);
+    const first = coarsest(
+      told.nodes.map(([depth]) => depth),
+      inOrder,
+    );
     const points = first.reduce((sum, node) => sum + node.count, 0);
     const { min, max } = told.extent_m;
     const xyz = new Float32Array(3 * points);
     const centre = min.map((value, axis) => (value + max[axis]!) / 2) as [number, number, number];
     const records = await octree.part(0, points);
-    const loaded = first.map((node) => [node, records.subarray(4 * node.begin, 4 * (node.begin + node.count))] as const);
+    const loaded = first.map(
+      (node) => [node, records.subarray(4 * node.begin, 4 * (node.begin + node.count))] as const,
+    );
     for (const [node, own] of loaded) {
-      for (let k = 0; k < node.count; k++) for (let axis = 0; axis < 3; axis++) xyz[3 * (node.begin + k) + axis] = placeOf(node, own, k, axis);
+      for (let k = 0; k < node.count; k++)
+        for (let axis = 0; axis < 3; axis++) xyz[3 * (node.begin + k) + axis] = placeOf(node, own, k, axis);
     }
     return { overview: { xyz, centre, low: min, high: max }, octree, first: loaded };
   }

@@ -27,14 +27,20 @@ export function ellipseOf(covariance: unknown): Ellipse | null {
   const [xx, xy, yy] = [rows?.[0]?.[0], rows?.[0]?.[1], rows?.[1]?.[1]];
   if (typeof xx !== "number" || typeof xy !== "number" || typeof yy !== "number") return null;
   const [middle, apart] = [(xx + yy) / 2, Math.hypot((xx - yy) / 2, xy)];
-  const half = [middle + apart, Math.max(0, middle - apart)].map((variance) => Math.sqrt(CHI2_95 * variance)) as [number, number];
+  const half = [middle + apart, Math.max(0, middle - apart)].map((variance) => Math.sqrt(CHI2_95 * variance)) as [
+    number,
+    number,
+  ];
   return { half, angle: Math.atan2(2 * xy, xx - yy) / 2 };
 }
 
 /** The corners of an ellipse, fifty times as large so that it can be seen, around a place. */
 export function cornersOf({ half, angle }: Ellipse, at: At): At[] {
   return Array.from({ length: CORNERS }, (_, k) => {
-    const [u, v] = [half[0] * ELLIPSE_TIMES * Math.cos((2 * Math.PI * k) / CORNERS), half[1] * ELLIPSE_TIMES * Math.sin((2 * Math.PI * k) / CORNERS)];
+    const [u, v] = [
+      half[0] * ELLIPSE_TIMES * Math.cos((2 * Math.PI * k) / CORNERS),
+      half[1] * ELLIPSE_TIMES * Math.sin((2 * Math.PI * k) / CORNERS),
+    ];
     return [at[0] + u * Math.cos(angle) - v * Math.sin(angle), at[1] + u * Math.sin(angle) + v * Math.cos(angle)];
   });
 }

@@ -14,7 +14,12 @@ interface At {
   y: number;
 }
 
-const between = (a: At, b: At) => ({ x: (a.x + b.x) / 2, y: (a.y + b.y) / 2, far: Math.hypot(a.x - b.x, a.y - b.y), angle: Math.atan2(b.y - a.y, b.x - a.x) });
+const between = (a: At, b: At) => ({
+  x: (a.x + b.x) / 2,
+  y: (a.y + b.y) / 2,
+  far: Math.hypot(a.x - b.x, a.y - b.y),
+  angle: Math.atan2(b.y - a.y, b.x - a.x),
+});
 
 export function followPointers(canvas: HTMLElement, gestures: Gestures): () => void {
   const held = new Map<number, At>();
@@ -32,7 +37,15 @@ export function followPointers(canvas: HTMLElement, gestures: Gestures): () => v
     const other = [...held].find(([id]) => id !== event.pointerId)?.[1];
     if (other) {
       const [was, is] = [between(other, before), between(other, now)];
-      gestures.move(grabbed, is.x - was.x, is.y - was.y, is.far / Math.max(1, was.far), is.angle - was.angle, is.x, is.y);
+      gestures.move(
+        grabbed,
+        is.x - was.x,
+        is.y - was.y,
+        is.far / Math.max(1, was.far),
+        is.angle - was.angle,
+        is.x,
+        is.y,
+      );
     } else gestures.move(grabbed, now.x - before.x, now.y - before.y, 1, 0, now.x, now.y);
     held.set(event.pointerId, now);
   };

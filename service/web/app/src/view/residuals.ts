@@ -41,7 +41,8 @@ export class Faces {
     const names = new Set<string>();
     for (let step = 0; step <= steps; step++) {
       const [x, y] = [a[0] + ((b[0] - a[0]) * step) / steps, a[1] + ((b[1] - a[1]) * step) / steps];
-      for (const dx of [-1, 0, 1]) for (const dy of [-1, 0, 1]) names.add(nameOf(x + dx * 2 * REACH_M, y + dy * 2 * REACH_M));
+      for (const dx of [-1, 0, 1])
+        for (const dy of [-1, 0, 1]) names.add(nameOf(x + dx * 2 * REACH_M, y + dy * 2 * REACH_M));
     }
     for (const name of names) {
       const held = this.cells.get(name);
@@ -67,7 +68,9 @@ export function residualColours(faces: Faces, { xyz }: Cloud, T: Matrix, floor: 
   const off = channels(OFF_COLOUR);
   const colours = new Uint8Array(xyz.length);
   for (let k = 0; k < xyz.length; k += 3) {
-    const [x, y, z] = [0, 1, 2].map((row) => T[row]![0]! * xyz[k]! + T[row]![1]! * xyz[k + 1]! + T[row]![2]! * xyz[k + 2]! + T[row]![3]!) as [number, number, number];
+    const [x, y, z] = [0, 1, 2].map(
+      (row) => T[row]![0]! * xyz[k]! + T[row]![1]! * xyz[k + 1]! + T[row]![2]! * xyz[k + 2]! + T[row]![3]!,
+    ) as [number, number, number];
     const distance = z > floor + FLOOR_M ? faces.distance(x, y) : Infinity;
     colours.set(bands.find(({ upTo }) => distance <= upTo)?.rgb ?? off, k);
   }

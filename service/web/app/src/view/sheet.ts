@@ -37,7 +37,8 @@ export interface Reading {
 export const KEPT: readonly StrokeLayer[] = ["wall", "column"];
 /** What a stroke is hidden by besides its layer. */
 export const reasonOf = (stroke: Stroke): string => `${stroke.layer}: ${stroke.reason}`;
-export const isHidden = (stroke: Stroke, hidden: ReadonlySet<string>): boolean => hidden.has(stroke.layer) || hidden.has(reasonOf(stroke));
+export const isHidden = (stroke: Stroke, hidden: ReadonlySet<string>): boolean =>
+  hidden.has(stroke.layer) || hidden.has(reasonOf(stroke));
 export const isKept = (stroke: Stroke): boolean => KEPT.includes(stroke.layer);
 
 interface Feature {
@@ -46,18 +47,24 @@ interface Feature {
 }
 
 function linesOf({ geometry, properties }: Feature): { lines: Point[][]; closed: boolean } {
-  if (properties.faces?.length === 2) return { lines: [[...properties.faces[0]!, ...[...properties.faces[1]!].reverse()]], closed: true };
+  if (properties.faces?.length === 2)
+    return { lines: [[...properties.faces[0]!, ...[...properties.faces[1]!].reverse()]], closed: true };
   if (geometry.type === "LineString") return { lines: [geometry.coordinates as Point[]], closed: false };
   return { lines: geometry.coordinates as Point[][], closed: geometry.type === "Polygon" };
 }
 
 function strokeOf(feature: Feature): Stroke {
   const { lines, closed } = linesOf(feature);
-  const [low, high]: [Point, Point] = [[Infinity, Infinity], [-Infinity, -Infinity]];
-  for (const line of lines) for (const at of line) for (const axis of [0, 1] as const) {
-    low[axis] = Math.min(low[axis], at[axis]);
-    high[axis] = Math.max(high[axis], at[axis]);
-  }
+  const [low, high]: [Point, Point] = [
+    [Infinity, Infinity],
+    [-Infinity, -Infinity],
+  ];
+  for (const line of lines)
+    for (const at of line)
+      for (const axis of [0, 1] as const) {
+        low[axis] = Math.min(low[axis], at[axis]);
+        high[axis] = Math.max(high[axis], at[axis]);
+      }
   const { id, layer, reason } = feature.properties;
   return { id, layer, reason, lines, closed, low, high };
 }
