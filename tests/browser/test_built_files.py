@@ -11,9 +11,10 @@ import httpx
 
 from service.web.pages import DIST
 from tests.server import Server
+from tests.service.snapshot import SNAPSHOT
 
 APP = DIST.with_name("app")
-NOT_SOURCES = {"node_modules", "schema.d.ts"}
+NOT_SOURCES = {"node_modules", "schema.d.ts", "tests"}
 FIRST_LOAD_BYTES = 250_000
 
 
@@ -27,6 +28,7 @@ def _recorded_as(sources: list[Path]) -> str:
     for path in sorted(sources, key=lambda one: one.relative_to(APP).as_posix()):
         content = hashlib.sha256(path.read_bytes()).hexdigest()
         whole.update(f"{path.relative_to(APP).as_posix()}\0{content}\n".encode())
+    whole.update(f"openapi.json\0{hashlib.sha256(SNAPSHOT.read_bytes()).hexdigest()}\n".encode())
     return whole.hexdigest()
 
 

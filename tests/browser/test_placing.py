@@ -26,6 +26,13 @@ from worker.geometry.cloud.point_cloud import Label
 
 SEED = 7
 OFF_M = 2.0
+EVIDENCE = {
+    "Share of the points near the map": "inlier_share",
+    "Median distance of these [m]": "residual_median_m",
+    "Euclidean fitness score [m²]": "euclidean_fitness_score_m2",
+    "Share seen through the map's walls": "contradicted_share",
+}
+"""What the page shows of a placement's evidence, under which words."""
 RECIPE = {"voxel_size_m": 0.1, "wall_height_m": WALL_HEIGHT, "floor": True}
 
 
@@ -149,6 +156,10 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     assert abs(math.remainder(yaw - plant.truth.rpy[2], math.tau)) < math.radians(1.0)
     watched.accessible()
     expect(page.get_by_text("In 95 of 100 cases within")).to_be_visible()
+    evidence = plant.admin.get(f"/v1/placements?map={plant.map_id}")["items"][0]["evidence"]
+    for label, member in EVIDENCE.items():
+        shown = page.locator(".verdict dt").filter(has_text=label).locator("+ dd").inner_text()
+        assert float(shown) == pytest.approx(evidence[member], rel=0.005), member
     assert green(canvas) > 200
     page.screenshot(path=pictures / "placement.png")
     page.get_by_role("button", name="In 3-D").click()

@@ -18,7 +18,7 @@ from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
 from worker.context import JobContext, LayerSource, ScanSource
 from worker.formats.reading import load_walls_and_columns
-from worker.geometry.cloud.free_space import Sight, things_of
+from worker.geometry.cloud.free_space import FreeSpace, MappedThing, Sight, things_of
 from worker.geometry.cloud.merge import PlacedLayer
 from worker.geometry.registration.place import Placed
 from worker.geometry.registration.place_upright import place_upright_scan
@@ -113,12 +113,17 @@ def _gone(
         things = [(thing, sight.of(thing.points)) for thing in things_of(layer.cloud.points, top=top)]
         gone = [(thing, seen) for thing, seen in things if seen.is_gone]
         if gone:
-            found = [{"region": thing.region.to_json(), **asdict(seen)} for thing, seen in gone]
             every = sum(len(thing.points) for thing, _ in gone) >= _ALL * len(layer.cloud)
-            told.append(
-                {"layer_id": source.layer_id, "name": source.name, "whole_layer": every, "things": found}
-            )
+            told.append(_told(source.layer_id, source.name, whole=every, things=gone))
     return told
+
+
+def _told(
+    layer_id: str, name: str, *, whole: bool, things: Sequence[tuple[MappedThing, FreeSpace]]
+) -> dict[str, Any]:
+    """Return what of a layer has gone as a JSON object, the evidence of a proposal."""
+    found = [{"region": thing.region.to_json(), **asdict(seen)} for thing, seen in things]
+    return {"layer_id": layer_id, "name": name, "whole_layer": whole, "things": found}
 
 
 def _target(context: JobContext, asked: _Asked, others: Sequence[PlacedLayer]) -> PlacementTarget:

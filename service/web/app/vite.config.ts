@@ -5,7 +5,8 @@ import preact from "@preact/preset-vite";
 import { defineConfig, type Plugin } from "vite";
 
 const here = import.meta.dirname;
-const NOT_SOURCES = new Set(["node_modules", "dist", "schema.d.ts"]);
+const API = join(here, "../../tests/service/openapi.json");
+const NOT_SOURCES = new Set(["node_modules", "dist", "schema.d.ts", "tests"]);
 
 function sources(folder: string): string[] {
   return readdirSync(folder, { withFileTypes: true })
@@ -23,7 +24,7 @@ function recordSources(): Plugin {
     closeBundle() {
       const hash = createHash("sha256");
       const named = sources(here).map((path) => [relative(here, path), path] as const);
-      for (const [name, path] of named.sort(([a], [b]) => (a < b ? -1 : 1))) {
+      for (const [name, path] of [...named.sort(([a], [b]) => (a < b ? -1 : 1)), ["openapi.json", API] as const]) {
         hash
           .update(`${name}\0`)
           .update(createHash("sha256").update(readFileSync(path)).digest("hex"))

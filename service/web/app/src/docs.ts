@@ -12,7 +12,7 @@ SwaggerUIBundle({
   validatorUrl: null, // it would send the description to a server elsewhere
   // what a signed-in browser tries out here counts as its own page's change
   requestInterceptor: (request) => {
-    (request.headers ??= {})["X-Groundplan-Session"] = "1";
-    return request;
+    const headers = { ...(request.headers as Record<string, string> | undefined), "X-Groundplan-Session": "1" };
+    return { ...request, headers };
   },
 });

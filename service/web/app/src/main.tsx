@@ -5,4 +5,4 @@ import "./style.css";
 
 const theme = localStorage.getItem("theme");
 if (theme) document.documentElement.dataset.theme = theme;
-loadWords().then(() => render(<App />, document.getElementById("app")!));
+void loadWords().then(() => render(<App />, document.getElementById("app")!));

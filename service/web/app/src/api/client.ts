@@ -1,25 +1,41 @@
 /** The one way to the service: the public API, with the session cookie and its header. */
 import type { components } from "./schema";
+import type { Candidate, Difference, DrawingOptions, ErasedRegion, Evidence, Gone, Reading, RoughPose } from "./told";
 
 export type Schemas = components["schemas"];
-export type Job = Schemas["JobOut"];
-export type SiteMap = Schemas["MapOut"];
-export type Placement = Schemas["PlacementOut"];
-export type Scan = Schemas["ScanOut"];
-export type Drawing = Schemas["DrawingOut"];
-export type Revision = Schemas["RevisionOut"];
-export type Robot = Schemas["RobotOut"];
-export type Key = Schemas["KeyOut"];
+
+type NamedKeys<V> = keyof { [K in keyof V as string extends K ? never : number extends K ? never : K]: V[K] };
+/** Whether the API's description says of a member no more than that it is JSON. */
+type IsOpen<V> = unknown extends V
+  ? true
+  : NonNullable<V> extends readonly (infer E)[]
+    ? IsOpen<E>
+    : NonNullable<V> extends object
+      ? [NamedKeys<NonNullable<V>>] extends [never]
+        ? IsOpen<NonNullable<V>[keyof NonNullable<V>]>
+        : false
+      : false;
+/** A schema with members told here in full; what else it leaves open no page can read. */
+type Told<T, M = unknown> = { [K in keyof T as IsOpen<T[K]> extends false ? K : never]: T[K] } & M;
+
+export type Job = Told<Schemas["JobOut"]>;
+export type SiteMap = Told<Schemas["MapOut"]>;
+export type Placement = Told<Schemas["PlacementOut"], { evidence: Evidence | null; candidates: Candidate[] | null }>;
+export type Scan = Told<Schemas["ScanOut"], { rough_pose: RoughPose | null }>;
+export type Drawing = Told<Schemas["DrawingOut"], { reading: Reading | null; options: DrawingOptions }>;
+export type Revision = Told<Schemas["RevisionOut"], { erased: ErasedRegion[] | null }>;
+export type Robot = Told<Schemas["RobotOut"]>;
+export type Key = Told<Schemas["KeyOut"]>;
 export type Session = Schemas["SessionOut"];
-export type Stats = Schemas["StatsOut"];
-export type AuditEntry = Schemas["AuditEntryOut"];
-export type Publication = Schemas["PublicationOut"];
-export type Layer = Schemas["LayerOut"];
-export type Proposal = Schemas["ProposalOut"];
-export type Rollout = Schemas["RolloutOut"];
+export type Stats = Told<Schemas["StatsOut"]>;
+export type AuditEntry = Told<Schemas["AuditEntryOut"], { before: unknown; after: unknown }>;
+export type Publication = Told<Schemas["PublicationOut"]>;
+export type Layer = Told<Schemas["LayerOut"]>;
+export type Proposal = Told<Schemas["ProposalOut"], { evidence: Gone }>;
+export type Rollout = Told<Schemas["RolloutOut"]>;
 export type Convergence = Schemas["ConvergenceOut"];
 export type Counted = Schemas["CountedRobotsOut"];
-export type Compared = Schemas["ComparedOut"];
+export type Compared = Told<Schemas["ComparedOut"], { geometry: Difference | null }>;
 export type Operation = NonNullable<Schemas["RevisionIn"]["operations"]>[number];
 
 export interface Page<T> {
@@ -80,7 +96,7 @@ export const get = Object.assign(getJson, {
 });
 export const put = <T>(path: string, body: unknown): Promise<T> => ask<T>("PUT", path, body);
 export const patch = <T>(path: string, body: unknown): Promise<T> => ask<T>("PATCH", path, body);
-export const remove = (path: string): Promise<void> => ask<void>("DELETE", path);
+export const remove = (path: string): Promise<void> => ask("DELETE", path);
 export const post = <T>(path: string, body?: unknown, headers: Record<string, string> = {}): Promise<T> =>
   ask<T>("POST", path, body, { "Idempotency-Key": onceKey(), ...headers });
 

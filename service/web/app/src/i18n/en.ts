@@ -1,4 +1,4 @@
-/** English. Another language is another file of this folder with the same keys, as ja.ts; a missing one does not pass `npm run check`. */
+/** English. Another language is another file of this folder with the same keys, as ja.ts; else `tsc` refuses it. */
 const en = {
   language: "English",
   "nav.overview": "Overview",
@@ -119,6 +119,10 @@ const en = {
   "place.exclude": "Circle what to leave out",
   "place.noRegions": "Forget the circles",
   "place.keys": "With the keyboard: arrows move, Q and E turn, Shift goes ten times as far, Enter snaps.",
+  "evidence.inlier_share": "Share of the points near the map",
+  "evidence.residual_median_m": "Median distance of these [m]",
+  "evidence.euclidean_fitness_score_m2": "Euclidean fitness score [m²]",
+  "evidence.contradicted_share": "Share seen through the map's walls",
   "place.title": "Place the scan",
   "place.above": "From above",
   "place.room": "In 3-D",
@@ -232,7 +236,8 @@ const en = {
   "robot.failed": "Failed",
   "rollouts.title": "Staged roll-outs",
   "rollouts.none":
-    "No roll-out yet. A publication reaches all robots of a channel at once; a roll-out goes stage by stage and stops by itself when robots fail.",
+    "No roll-out yet. A publication reaches all robots of a channel at once; a roll-out goes stage by stage " +
+    "and stops by itself when robots fail.",
   "rollouts.begin": "Begin a roll-out",
   "rollouts.revision": "Revision",
   "rollouts.stages": "Shares of the robots [%], stage by stage",
@@ -289,7 +294,8 @@ const en = {
   "tablet.start": "Begin",
   "draw.keys": "With the keyboard: arrows move the sheet, Shift in small steps; Enter clicks in the middle.",
   "draw.lassoKeys":
-    "With the keyboard: arrows move the sheet, Shift in small steps; Enter sets a corner in the middle, a second time closes; Escape begins anew.",
+    "With the keyboard: arrows move the sheet, Shift in small steps; Enter sets a corner in the middle, " +
+    "a second time closes; Escape begins anew.",
   "draw.pixels": "The sheet itself",
   "draw.title": "Correct the drawing",
   "draw.kept": "kept",
@@ -332,7 +338,8 @@ const en = {
   "draw.floor": "with a floor",
   "draw.ceiling": "with a ceiling",
   "storage.full":
-    "The server's disk is full. Uploads and jobs wait until an admin has made room; everything stored can be viewed and downloaded.",
+    "The server's disk is full. Uploads and jobs wait until an admin has made room; " +
+    "everything stored can be viewed and downloaded.",
   "edit.include": "Only this part",
   "edit.exclude": "Not this part",
   "edit.add-wall": "Draw a wall",

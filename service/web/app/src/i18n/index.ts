@@ -27,9 +27,11 @@ export async function choose(code: string): Promise<void> {
 
 export const t = (key: keyof Words): string => words[key];
 
-/** Words for a value that the service names, such as a state; the value itself where there are none. */
-export const named = (group: string, value: string): string =>
-  (words as Record<string, string>)[`${group}.${value}`] ?? value;
+/** Words for a value that the service names, such as a state; one that a newer service may add names itself. */
+export const named = <G extends string, V extends string>(
+  group: G,
+  value: `${G}.${V}` extends keyof Words ? V : never,
+): string => (words as Record<string, string>)[`${group}.${value}`] ?? value;
 
 export const whenText = (iso: string): string =>
   new Intl.DateTimeFormat(language, { dateStyle: "medium", timeStyle: "short" }).format(new Date(iso));

@@ -1,7 +1,7 @@
 /** From the drawing to a revision: the first of a map, or with the drawing put under the layers that are there. */
 import { useState } from "preact/hooks";
 import { follow, get, post, type Job, type Page, type Revision, type Schemas } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { t } from "../i18n";
 import { Failure, Progress } from "../ui/parts";
 

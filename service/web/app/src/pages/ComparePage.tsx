@@ -1,18 +1,11 @@
 /** What differs between two revisions: in words, in points, and side by side under a slider. */
 import { useEffect, useState } from "preact/hooks";
 import { all, follow, get, type Compared, type Job, type Revision } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { t, whenText } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
 import { extentOf, GridPicture } from "../view/GridPlan";
 import { loadGrid, type Grid } from "../view/grid";
-
-interface Geometry {
-  points_added: number;
-  points_removed: number;
-  tiles_unchanged: number;
-  tiles: unknown[];
-}
 
 /** Two revisions over each other; left of the handle is the earlier one. */
 function Slider({ before, after }: { before: Grid; after: Grid }) {
@@ -65,25 +58,25 @@ function useComparison(mapId: string, from: number, to: number) {
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   useEffect(() => {
-    let wanted = true;
+    const leaving = new AbortController();
+    const isWanted = () => !leaving.signal.aborted;
     const at = `/v1/maps/${mapId}/revisions/${to}/compare?with=${from}`;
     const ask = async () => {
       const first = await get<Compared>(at);
-      if (!wanted) return;
+      if (!isWanted()) return;
       setFound(first);
       if (first.geometry) return;
-      const ended = await follow(first.job, (now) => wanted && setJob(now));
+      const ended = await follow(first.job, (now) => isWanted() && setJob(now));
       if (ended.problem) throw new Error(ended.problem.detail);
-      if (wanted) setFound(await get<Compared>(at));
+      const whole = await get<Compared>(at);
+      if (isWanted()) setFound(whole);
     };
     setFound(null);
     setError(null);
     ask()
-      .catch((cause: unknown) => wanted && setError(cause))
-      .finally(() => wanted && setJob(null));
-    return () => {
-      wanted = false;
-    };
+      .catch((cause: unknown) => isWanted() && setError(cause))
+      .finally(() => isWanted() && setJob(null));
+    return () => leaving.abort();
   }, [mapId, from, to]);
   return { found, job, error };
 }
@@ -124,7 +117,7 @@ export function ComparePage({ mapId, from, to }: { mapId: string; from: number; 
   const ready = (revisions.value ?? [])
     .filter((one) => one.status === "ready" && !one.pruned_at)
     .sort((a, b) => b.n - a.n);
-  const geometry = found?.geometry as Geometry | null | undefined;
+  const geometry = found?.geometry;
   return (
     <>
       <div class="title">

@@ -1,25 +1,13 @@
 /** Correct a drawing: what is a wall and what is not, how large it is, and the first map from it. */
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
 import { follow, get, patch, type Drawing, type Job, type Schemas } from "../api/client";
-import { useLoaded } from "../api/live";
+import type { Edit, Point, Reading, StrokeLayer } from "../api/told";
+import { useLoaded } from "../api/useLoaded";
 import { named, t } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
 import { SheetTiles } from "../view/SheetTiles";
 import { SheetView, type Mark } from "../view/SheetView";
-import {
-  isHidden,
-  isKept,
-  KEPT,
-  loadStrokes,
-  mostlyInside,
-  toDrawing,
-  toFile,
-  type Edit,
-  type Point,
-  type Reading,
-  type Stroke,
-  type StrokeLayer,
-} from "../view/sheet";
+import { isHidden, isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Stroke } from "../view/sheet";
 import { BuildPanel } from "./BuildPanel";
 import { StrokeLayers } from "./StrokeLayers";
 import { ScalePanel, type KnownLength } from "./ScalePanel";
@@ -46,7 +34,7 @@ interface Open {
 async function open(drawingId: string): Promise<Open> {
   const drawing = await get<Drawing>(`/v1/drawings/${drawingId}`);
   const [strokes, tiles] = await Promise.all([loadStrokes(drawing), SheetTiles.open(drawing)]);
-  return { drawing, tiles, reading: drawing.reading as unknown as Reading | null, strokes };
+  return { drawing, tiles, reading: drawing.reading, strokes };
 }
 
 function marksOf(edits: readonly Edit[], reading: Reading): Mark[] {
@@ -105,7 +93,7 @@ function editFrom(tool: Tool, within: number[][], shown: StrokeLayer[], named: s
 function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps) {
   const canvas = useRef<HTMLCanvasElement>(null);
   const view = useRef<SheetView | null>(null);
-  const said = (drawing.options.edits ?? []) as unknown as Edit[];
+  const said = drawing.options.edits ?? [];
   const { edits, add, undo, redo } = useEdits(said);
   const [tool, setTool] = useState<Tool>("pan");
   const [clicks, setClicks] = useState<Point[]>([]);
@@ -132,9 +120,9 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
         )
         .map((one) => one.id),
     );
-  }, [edits, strokes]);
+  }, [edits, strokes, layers, reading, said.length]);
 
-  const heard = useRef({ tapped: (_: Point) => {}, drawn: (_: Point[]) => {} });
+  const heard = useRef<{ tapped: (at: Point) => void; drawn: (ring: Point[]) => void }>(null!);
   heard.current = {
     tapped: (at) => {
       if (tool !== "scale" && tool !== "addWall") return;
@@ -354,6 +342,7 @@ export default function DrawingPage({ mapId, drawingId }: { mapId: string; drawi
   const running = value && !value.reading && !value.drawing.job.problem;
   useEffect(() => {
     if (running) void follow(value.drawing.job).then(reload);
+    // eslint-disable-next-line react-hooks/exhaustive-deps -- once until it has ended: each load gives a new job
   }, [running]);
   return (
     <>

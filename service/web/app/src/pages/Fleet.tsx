@@ -1,6 +1,7 @@
 import { useState } from "preact/hooks";
 import { all, get, type Convergence, type Robot, type Session, type SiteMap } from "../api/client";
-import { useFleetEvents, useLoaded } from "../api/live";
+import { useFleetEvents } from "../api/useFleetEvents";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Chip } from "../ui/parts";
 import { Rows, type Column } from "../ui/Rows";

@@ -5,7 +5,7 @@ import { Dialog, Failure, Progress, StateChip } from "../ui/parts";
 import { Rows, type Column } from "../ui/Rows";
 import { useEvery } from "../ui/useEvery";
 
-const STATES = ["queued", "running", "succeeded", "failed", "cancelled"];
+const STATES = ["queued", "running", "succeeded", "failed", "cancelled"] as const;
 
 function JobDetails({ job, close }: { job: Job; close: () => void }) {
   return (
@@ -95,7 +95,7 @@ export function Jobs() {
       <div class="title">
         <h1>{t("nav.jobs")}</h1>
         <div class="choices" role="group" aria-label={t("jobs.state")}>
-          {["", ...STATES].map((one) => (
+          {(["", ...STATES] as const).map((one) => (
             <button key={one} type="button" aria-pressed={state === one} onClick={() => setState(one)}>
               {one ? named("state", one) : t("jobs.all")}
             </button>

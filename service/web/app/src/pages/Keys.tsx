@@ -1,12 +1,13 @@
 import { useState } from "preact/hooks";
 import { all, post, remove, type Key, type Schemas, type SiteMap } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Chip, Dialog, Failure } from "../ui/parts";
 import { Rows, type Column } from "../ui/Rows";
 
 function Made({ secret }: { secret: string }) {
   const [copied, setCopied] = useState(false);
+  // eslint-disable-next-line @typescript-eslint/no-unnecessary-condition -- there is none on a page without HTTPS
   const copy = () => void navigator.clipboard?.writeText(secret).then(() => setCopied(true));
   return (
     <>
@@ -28,7 +29,7 @@ function NewKey({ close }: { close: () => void }) {
   const submit = async (event: Event) => {
     event.preventDefault();
     const form = new FormData(event.currentTarget as HTMLFormElement);
-    const map = String(form.get("map"));
+    const map = form.get("map");
     const body = { name: form.get("name"), role: form.get("role"), map_ids: map ? [map] : null };
     try {
       setSecret((await post<Schemas["NewKeyOut"]>("/v1/keys", body)).key);
@@ -49,7 +50,7 @@ function NewKey({ close }: { close: () => void }) {
           <label>
             {t("keys.role")}
             <select name="role">
-              {["tablet", "robot", "admin"].map((role) => (
+              {(["tablet", "robot", "admin"] as const).map((role) => (
                 <option key={role} value={role}>
                   {named("role", role)}
                 </option>

@@ -3,7 +3,12 @@ import { useState } from "preact/hooks";
 import type { Layer, Operation, Placement } from "../api/client";
 import { named, t, whenText } from "../i18n";
 import { Dialog } from "../ui/parts";
-import type { Planned } from "./RevisePage";
+
+/** A change that is to be made, and what the page calls it. */
+export interface Planned {
+  operation: Operation;
+  words: string;
+}
 
 interface LayerRowProps {
   layer: Layer;

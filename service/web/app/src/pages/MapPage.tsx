@@ -13,7 +13,8 @@ import {
   type Session,
   type SiteMap,
 } from "../api/client";
-import { useFleetEvents, useLoaded } from "../api/live";
+import { useFleetEvents } from "../api/useFleetEvents";
+import { useLoaded } from "../api/useLoaded";
 import { t, whenText } from "../i18n";
 import { Chip, Dialog, Failure, Loading, Progress, StateChip } from "../ui/parts";
 import { Revisions } from "./Revisions";

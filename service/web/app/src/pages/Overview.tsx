@@ -14,7 +14,8 @@ import {
   type SiteMap,
   type Stats,
 } from "../api/client";
-import { useFleetEvents, useLoaded } from "../api/live";
+import { useFleetEvents } from "../api/useFleetEvents";
+import { useLoaded } from "../api/useLoaded";
 import { bytesText, named, t } from "../i18n";
 import { NewMap } from "../ui/NewMap";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
@@ -48,8 +49,7 @@ interface Open {
 }
 
 function waitingOf({ placements, newest, proposals, drawings, failed }: Open): Waiting[] {
-  const codes = (drawing: Drawing) =>
-    ((drawing.reading?.findings ?? []) as { code: string }[]).map((found) => found.code);
+  const codes = (drawing: Drawing) => (drawing.reading?.findings ?? []).map((found) => found.code);
   return [
     ...placements
       .filter((one) => newest.get(one.scan_id) === one.id)
@@ -64,7 +64,7 @@ function waitingOf({ placements, newest, proposals, drawings, failed }: Open): W
       id: one.id,
       map_id: one.map_id,
       why: t("overview.proposal"),
-      detail: String(one.evidence.name ?? ""),
+      detail: one.evidence.name,
       href: `#/maps/${one.map_id}/revise`,
     })),
     ...drawings

@@ -11,10 +11,11 @@ import {
   type Scan,
   type Schemas,
 } from "../api/client";
-import { useLoaded } from "../api/live";
+import type { Features, Matrix, WallFeature } from "../api/told";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
-import { loadCloud, matrixOf, moved, poseOf, type Cloud, type Matrix } from "../view/cloud";
+import { loadCloud, matrixOf, moved, poseOf, type Cloud } from "../view/cloud";
 import { MiniPlan } from "../view/MiniPlan";
 import { Octree, type MapCloud } from "../view/octree";
 import { cornersOf, ELLIPSE_TIMES, ellipseOf, type At } from "../view/outlines";
@@ -38,10 +39,6 @@ interface Part {
   exclude: Region[];
 }
 
-interface Candidate {
-  T_map_scan: Matrix;
-}
-
 const VERDICT_TONES: Record<string, string> = { accepted: "good", "needs-review": "busy", rejected: "bad" };
 const STEP_RAD = Math.PI / 36;
 const STEP_M = 0.05;
@@ -59,7 +56,7 @@ async function load(mapId: string, scanId: string): Promise<Loadable | null> {
   const [map, points, walls] = await Promise.all([
     Octree.open(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts`),
     loadCloud(scan.files.points, MOST_OF_SCAN),
-    get<ConstructorParameters<typeof Faces>[0]>(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/walls.geojson`),
+    get<Features<WallFeature>>(`/v1/maps/${mapId}/revisions/${latest.n}/artifacts/walls.geojson`),
   ]);
   return {
     scan,
@@ -74,8 +71,8 @@ async function load(mapId: string, scanId: string): Promise<Loadable | null> {
 function firstPose({ placements, scan, map, points }: Loadable): Matrix {
   const placed = placements.find((one) => one.T_map_scan)?.T_map_scan;
   if (placed) return placed;
-  const rough = scan.rough_pose as { x_m: number; y_m: number; z_m?: number; yaw_rad?: number } | null;
-  if (rough) return matrixOf({ x: rough.x_m, y: rough.y_m, z: rough.z_m ?? 0, yaw: rough.yaw_rad ?? 0 });
+  const rough = scan.rough_pose;
+  if (rough) return matrixOf({ x: rough.x_m, y: rough.y_m, z: rough.z_m, yaw: rough.yaw_rad });
   return matrixOf({
     x: map.overview.centre[0] - points.centre[0],
     y: map.overview.centre[1] - points.centre[1],
@@ -106,12 +103,10 @@ const NumberField = ({ label, value, step, set }: NumberFieldProps) => (
 
 const centimetres = (metres: number) => (100 * metres).toPrecision(2);
 
-function Evidence({ placement }: { placement: Placement }) {
-  const evidence = placement.evidence ?? {};
-  const ellipse = ellipseOf(evidence.covariance);
-  const shown = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradiction_share"].filter(
-    (name) => typeof evidence[name] === "number",
-  );
+const SHOWN = ["inlier_share", "residual_median_m", "euclidean_fitness_score_m2", "contradicted_share"] as const;
+
+function Judged({ placement }: { placement: Placement }) {
+  const ellipse = placement.evidence && ellipseOf(placement.evidence);
   return (
     <>
       <Chip tone={VERDICT_TONES[placement.verdict!]!}>{named("place", placement.verdict!)}</Chip>
@@ -121,10 +116,11 @@ function Evidence({ placement }: { placement: Placement }) {
         ))}
       </ul>
       <dl>
-        {shown.map((name) => [
-          <dt key={name}>{name.replaceAll("_", " ")}</dt>,
-          <dd key={`${name}-v`}>{(evidence[name] as number).toPrecision(3)}</dd>,
-        ])}
+        {SHOWN.flatMap((name) => {
+          const value = placement.evidence?.[name];
+          if (typeof value !== "number") return [];
+          return [<dt key={name}>{t(`evidence.${name}`)}</dt>, <dd key={`${name}-v`}>{value.toPrecision(3)}</dd>];
+        })}
       </dl>
       {ellipse && (
         <p class="quiet">
@@ -162,6 +158,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
       picked: setPicked,
     });
     return () => stage.current?.leave();
+    // eslint-disable-next-line react-hooks/exhaustive-deps -- `T` is where it begins; later moves go to the stage
   }, [loaded]);
   useEffect(() => stage.current?.look(mode), [mode]);
   useEffect(() => {
@@ -169,13 +166,13 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     stage.current?.colour(at ? residualColours(loaded.faces, loaded.points, at, loaded.map.overview.low[2]) : null);
   }, [placement, loaded]);
   useEffect(() => {
-    const ellipse = placement?.T_map_scan ? ellipseOf(placement.evidence?.covariance) : null;
+    const ellipse = placement?.T_map_scan && placement.evidence ? ellipseOf(placement.evidence) : null;
     const sure = ellipse ? [{ corners: cornersOf(ellipse, [T[0]![3]!, T[1]![3]!]), colour: "#d6006c" }] : [];
     const drawn = (["include", "exclude"] as const).flatMap((name) =>
       part[name].map(({ within }) => ({ corners: within, colour: REGION_COLOURS[name] })),
     );
     stage.current?.outline([...sure, ...drawn]);
-  }, [placement, part, loaded]);
+  }, [placement, part, loaded, T]);
   useEffect(() => {
     stage.current?.drawRegions(
       brush && ((within) => setPart((now) => ({ ...now, [brush]: [...now[brush], { within }] }))),
@@ -252,7 +249,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     }
   };
 
-  const candidates = (placement?.candidates ?? []) as Candidate[];
+  const candidates = placement?.candidates ?? [];
   return (
     <div class="workplace">
       <div class="stage">
@@ -319,7 +316,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
         <div aria-live="polite" class="verdict">
           {job && <Progress job={job} />}
           <Failure error={error} />
-          {placement?.verdict && <Evidence placement={placement} />}
+          {placement?.verdict && <Judged placement={placement} />}
         </div>
         {placement?.T_map_scan && placement.verdict !== "rejected" && made === null && (
           <div class="chips" role="group" aria-label={t("place.part")}>

@@ -7,35 +7,24 @@ import {
   post,
   type Job,
   type Layer,
-  type Operation,
   type Page,
   type Placement,
   type Proposal,
   type Revision,
   type Schemas,
 } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { t } from "../i18n";
 import { Chip, Failure, Loading, Progress } from "../ui/parts";
 import { cornersOf, GridPlan, type Point } from "../view/GridPlan";
 import { loadGrid, type Grid } from "../view/grid";
-import { LayerRow } from "./LayerRow";
-
-export interface Planned {
-  operation: Operation;
-  words: string;
-}
+import { LayerRow, type Planned } from "./LayerRow";
 
 interface Base {
   revision: Revision;
   grid: Grid;
   proposals: Proposal[];
   placements: Placement[];
-}
-
-interface Region {
-  region_id: string;
-  region: { within: number[][] };
 }
 
 async function look(mapId: string): Promise<Base | null> {
@@ -53,8 +42,6 @@ async function look(mapId: string): Promise<Base | null> {
     placements: placements.filter((one) => one.verdict && one.verdict !== "rejected"),
   };
 }
-
-const thingsOf = (proposal: Proposal) => proposal.evidence.things as { region: { within: number[][] } }[];
 
 interface GoneProps {
   proposals: Proposal[];
@@ -74,7 +61,7 @@ function Gone({ proposals, layers, decide }: GoneProps) {
             <span>
               <strong>{layers.find((layer) => layer.layer_id === one.layer_id)?.name ?? one.layer_id}</strong>
               <span class="quiet">
-                {one.evidence.whole_layer ? t("revise.allOfIt") : `${thingsOf(one).length} ${t("revise.things")}`}
+                {one.evidence.whole_layer ? t("revise.allOfIt") : `${one.evidence.things.length} ${t("revise.things")}`}
               </span>
             </span>
             <span class="chips">
@@ -145,7 +132,7 @@ function Reviser({ base, mapId, reload }: { base: Base; mapId: string; reload: (
   const [job, setJob] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
   const [made, setMade] = useState<Schemas["RevisionWithJob"] | null>(null);
-  const erased = (revision.erased ?? []) as unknown as Region[];
+  const erased = revision.erased ?? [];
   const plan = (one: Planned) => setPlanned((old) => [...old, one]);
   const dot = Math.max(grid.high[0] - grid.low[0], grid.high[1] - grid.low[1]) / 120;
 
@@ -196,9 +183,9 @@ function Reviser({ base, mapId, reload }: { base: Base; mapId: string; reload: (
             />
           ))}
           {base.proposals.flatMap((one) =>
-            thingsOf(one).map((thing, k) => (
+            one.evidence.things.map((thing, k) => (
               <polygon
-                key={one.id + k}
+                key={`${one.id} ${k}`}
                 points={cornersOf(thing.region.within)}
                 class="gone-region"
                 stroke-width={dot / 4}

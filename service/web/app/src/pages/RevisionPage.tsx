@@ -1,6 +1,6 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { get, type Revision, type SiteMap } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { t, whenText } from "../i18n";
 import { Failure, Loading } from "../ui/parts";
 import { Octree, type MapCloud } from "../view/octree";

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 import { get, post, type Publication, type Revision, type Schemas } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Graph } from "../ui/Graph";
 import { Chip, Dialog, Failure, Loading } from "../ui/parts";
@@ -16,12 +16,12 @@ interface PublishProps {
   close: () => void;
 }
 
-const CHANNELS = ["stable", "canary"];
+const CHANNELS = ["stable", "canary"] as const;
 
 /** Ask once more, show what stands in the way, and let an admin override it with a reason. */
 function Publish({ mapId, n, back, done, close }: PublishProps) {
   const at = `/v1/maps/${mapId}/revisions/${n}`;
-  const [channel, setChannel] = useState("stable");
+  const [channel, setChannel] = useState<(typeof CHANNELS)[number]>("stable");
   const { value, error } = useLoaded(() => get<Gates>(`${at}/gates?channel=${channel}`), [channel]);
   const [reason, setReason] = useState("");
   const [problem, setProblem] = useState<unknown>(null);

@@ -1,6 +1,6 @@
 /** What a robot reported, newest first. */
 import { get, type Page, type Robot, type Schemas } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Dialog, Failure, Loading } from "../ui/parts";
 

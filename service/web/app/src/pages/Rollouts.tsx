@@ -1,7 +1,7 @@
 /** Staged roll-outs: how far each is, its brake, and a new one. */
 import { useState } from "preact/hooks";
 import { get, post, Refused, type Page, type Revision, type Rollout, type SiteMap } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { named, t, whenText } from "../i18n";
 import { Chip, Dialog, Failure } from "../ui/parts";
 
@@ -136,7 +136,9 @@ const OPEN = ["running", "paused", "stopped"];
 async function latest(maps: readonly SiteMap[]): Promise<Rollout[]> {
   const pages = await Promise.all(maps.map((map) => get<Page<Rollout>>(`/v1/maps/${map.id}/rollouts?limit=1`)));
   const found = pages.flatMap((page) => page.items);
-  return Promise.all(found.map((one) => (OPEN.includes(one.state) ? get<Rollout>(`/v1/rollouts/${one.id}`) : one)));
+  return Promise.all(
+    found.map(async (one) => (OPEN.includes(one.state) ? get<Rollout>(`/v1/rollouts/${one.id}`) : one)),
+  );
 }
 
 export function Rollouts({ maps, round, admin }: { maps: SiteMap[]; round: number; admin: boolean }) {

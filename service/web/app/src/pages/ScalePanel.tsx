@@ -1,9 +1,10 @@
 /** How large the drawing is: what says so, where the witnesses disagree, and a length measured by two clicks. */
 import { useState } from "preact/hooks";
 import type { Schemas } from "../api/client";
+import type { Scale } from "../api/told";
 import { named, t } from "../i18n";
 import { Chip } from "../ui/parts";
-import type { Scale } from "../view/sheet";
+import { offBy } from "../view/sheet";
 
 export type KnownLength = Schemas["KnownLengthIn"];
 
@@ -19,10 +20,6 @@ interface ScalePanelProps {
 const TONES = { given: "good", found: "good", unknown: "bad" } as const;
 const UNITS = { m: 1, cm: 0.01, mm: 0.001, ft: 0.3048, in: 0.0254 } as const;
 const unitText = (metres: number) => `${metres.toPrecision(5)} m`;
-
-/** By how much a witness differs from the scale [%]. */
-const offBy = (scale: Scale, metres: number | null) =>
-  scale.metres_per_unit && metres ? 100 * (metres / scale.metres_per_unit - 1) : null;
 
 export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }: ScalePanelProps) {
   const [length, setLength] = useState("");
@@ -41,11 +38,11 @@ export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }:
       <p>{scale.metres_per_unit ? `${unitText(scale.metres_per_unit)} / ${t("draw.unit")}` : t("draw.unknown")}</p>
       <ul class="reasons">
         {scale.witnesses.map((one, k) => {
-          const off = offBy(scale, one.metres_per_unit);
+          const off = scale.metres_per_unit ? offBy(scale.metres_per_unit, one.metres_per_unit) : 0;
           return (
             <li key={k}>
               {one.kind}: {one.detail}
-              {off !== null && Math.abs(off) > 2 && (
+              {Math.abs(off) > 2 && (
                 <strong>
                   {" "}
                   ({off > 0 ? "+" : ""}

@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useState } from "preact/hooks";
 import { all, follow, get, post, type Job, type Placement, type Scan, type Schemas } from "../api/client";
 import { forget, keep, type Parcel } from "../api/parcels";
 import { deliver, giveUp } from "../api/tus";
@@ -39,7 +39,7 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
   const [sight, setSight] = useState<Sight | null>(null);
   const [taken, setTaken] = useState<Job | null>(null);
   const [error, setError] = useState<unknown>(null);
-  const stop = useRef(new AbortController());
+  const [stop] = useState(() => new AbortController());
 
   const run = async (signal: AbortSignal) => {
     const scanId =
@@ -61,12 +61,13 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
     setSight({ map: overview, scan: points });
   };
   useEffect(() => {
-    const { signal } = stop.current;
+    const { signal } = stop;
     run(signal).catch((cause: unknown) => {
       if (!signal.aborted) setError(cause);
     });
-    return () => stop.current.abort();
-  }, []);
+    return () => stop.abort();
+    // eslint-disable-next-line react-hooks/exhaustive-deps -- a scan is sent once, as it was when the row came
+  }, [stop]);
 
   const confirm = async () => {
     try {
@@ -81,7 +82,7 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
     }
   };
   const drop = () => {
-    stop.current.abort();
+    stop.abort();
     void giveUp(parcel).then(putAway);
   };
   const percent = Math.floor((100 * bytes) / Math.max(1, parcel.size));

@@ -1,7 +1,14 @@
-import { get, Refused, type Session, type Stats } from "../api/client";
-import { useLoaded } from "../api/live";
+import { get, Refused, type Job, type Session, type Stats } from "../api/client";
+import { useLoaded } from "../api/useLoaded";
 import { bytesText, named, t } from "../i18n";
 import { Chip, Failure, Loading } from "../ui/parts";
+
+const TOTALS = [
+  ["maps", "overview.maps"],
+  ["drawings", "map.drawings"],
+  ["scans", "map.scans"],
+  ["revisions", "map.revisions"],
+] as const;
 
 interface Ready {
   status: string;
@@ -48,7 +55,7 @@ export function System() {
           <section class="card">
             <h2>{t("nav.jobs")}</h2>
             <dl>
-              {Object.entries(stats.jobs).map(([state, number]) => [
+              {(Object.entries(stats.jobs) as [Job["state"], number][]).map(([state, number]) => [
                 <dt key={state}>{named("state", state)}</dt>,
                 <dd key={`${state}-n`}>{number}</dd>,
               ])}
@@ -61,9 +68,9 @@ export function System() {
           <section class="card">
             <h2>{t("system.totals")}</h2>
             <dl>
-              {Object.entries(stats.totals).map(([name, number]) => [
-                <dt key={name}>{named("map", name)}</dt>,
-                <dd key={`${name}-n`}>{number}</dd>,
+              {TOTALS.map(([name, words]) => [
+                <dt key={name}>{t(words)}</dt>,
+                <dd key={`${name}-n`}>{stats.totals[name]}</dd>,
               ])}
               <dt>{t("overview.stored")}</dt>
               <dd>{bytesText(stats.stored_bytes)}</dd>

@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
 import { all, get, type Page, type Revision, type SiteMap } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { kept, newParcel, type Parcel, type Rough } from "../api/parcels";
 import { t } from "../i18n";
 import { FullStorage } from "../ui/FullStorage";

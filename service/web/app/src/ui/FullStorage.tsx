@@ -1,5 +1,5 @@
 import { get } from "../api/client";
-import { useLoaded } from "../api/live";
+import { useLoaded } from "../api/useLoaded";
 import { t } from "../i18n";
 
 const EVERY_MS = 15_000;

@@ -55,7 +55,8 @@ export function Graph({ revisions, published }: { revisions: readonly Revision[]
           .sort((a, b) => a.row - b.row)
           .map(({ revision }) => (
             <li key={revision.n}>
-              <strong>{revision.n}</strong> {named("revision", revision.status)} · {whenText(revision.created_at)} ·{" "}
+              <strong>{revision.n}</strong> {named("revision", revision.status)} · {whenText(revision.created_at)}{" "}
+              {" · "}
               <code>{revision.created_by}</code>
               {revision.reason && ` · ${revision.reason}`}
               {revision.parent_n !== null && ` · ${t("revisions.from")} ${revision.parent_n}`}

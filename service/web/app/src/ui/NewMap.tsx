@@ -17,7 +17,7 @@ export function NewMap({ close }: { close: () => void }) {
   };
   return (
     <Dialog title={t("overview.newMap")} close={close}>
-      <form onSubmit={(event) => void submit(event as unknown as SubmitEvent)}>
+      <form onSubmit={(event) => void submit(event)}>
         <label>
           {t("map.site")}
           <input name="site" required maxlength={200} autofocus />

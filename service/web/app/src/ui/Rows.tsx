@@ -31,6 +31,7 @@ interface Fetched<T> {
   done: boolean;
 }
 
+// eslint-disable-next-line @typescript-eslint/no-unnecessary-type-parameters -- of what type its rows are
 function usePages<T>(path: string, refresh: number) {
   const [state, setState] = useState<Fetched<T>>({ items: [], cursor: null, done: false });
   const [error, setError] = useState<unknown>(null);
@@ -62,6 +63,7 @@ function usePages<T>(path: string, refresh: number) {
     shown.current = path;
     round.current += 1;
     void load(round.current, { items: [], cursor: null, done: false }, Math.max(1, state.items.length));
+    // eslint-disable-next-line react-hooks/exhaustive-deps -- what was fetched shall not be fetched anew for it
   }, [path, refresh]);
   const more = () => {
     if (!state.done && state.cursor && !busy.current) void load(round.current, state, 0);
@@ -81,6 +83,7 @@ export function Rows<T>({ label, path, columns, keyOf, refresh = 0, none, keep }
   };
   useEffect(() => {
     if (begun && span.to > items.length - 40) more();
+    // eslint-disable-next-line react-hooks/exhaustive-deps -- `more` is another at each drawing of the table
   }, [span.to, items.length, begun]);
   const grid = { gridTemplateColumns: columns.map((column) => column.width).join(" ") };
   if (!begun && !error) return <Loading />;

@@ -16,7 +16,7 @@ export function Failure({ error }: { error: unknown }) {
   const refused = error instanceof Refused ? error : null;
   return (
     <div class="failure" role="alert">
-      <strong>{refused?.title ?? String(error)}</strong>
+      <strong>{refused?.title ?? (error instanceof Error ? error.message : JSON.stringify(error))}</strong>
       {refused && <p>{refused.detail}</p>}
       {refused && refused.type !== "about:blank" && (
         <a href={refused.type} target="_blank" rel="noreferrer">

@@ -208,7 +208,7 @@ const boxOf = ({ low, edge }: OctreeNode): Box3 => new Box3(new Vector3(...low),
 /** How many pixels lie between the points of a node, where its child is. */
 function cellPx(node: OctreeNode, child: OctreeNode, camera: Camera, heightPx: number): number {
   const metres = node.edge / CELLS;
-  const perspective = camera.projectionMatrix.elements[5]! * 0.5 * heightPx;
+  const perspective = camera.projectionMatrix.elements[5] * 0.5 * heightPx;
   if (camera instanceof OrthographicCamera) return metres * perspective;
   return (metres * perspective) / Math.max(0.1, boxOf(child).distanceToPoint(camera.position));
 }
@@ -241,7 +241,7 @@ class Nearest {
   best(): Vector3 | null {
     const foremost = this.found.reduce((least, { along }) => Math.min(least, along), Infinity);
     const near = this.found.filter(({ along }) => along <= foremost + BEHIND_M);
-    const best = near.reduce((left, right) => (right.off < left.off ? right : left), near[0]!);
+    const [best] = near.sort((left, right) => left.off - right.off);
     return best ? new Vector3(best.x, best.y, best.z) : null;
   }
 

@@ -1,6 +1,7 @@
 /** A small picture from above of the map, and of the scan at one pose. */
 import { useEffect, useRef } from "preact/hooks";
-import type { Cloud, Matrix } from "./cloud";
+import type { Matrix } from "../api/told";
+import type { Cloud } from "./cloud";
 
 const [WIDTH, HEIGHT] = [220, 150];
 const MOST = 6000;

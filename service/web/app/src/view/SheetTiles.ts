@@ -1,13 +1,6 @@
-/** The pixels of a drawing's sheet: tiles of the level that the view can show, fetched and kept as they come into sight. */
+/** A drawing's sheet in pixels: tiles of the level that the view can show, fetched as they come into sight. */
 import { get, send, type Drawing } from "../api/client";
-
-interface Told {
-  size_px: [number, number];
-  tile_px: number;
-  levels: number;
-  sha256: string;
-  tiles: [level: number, column: number, row: number, bytes: number][];
-}
+import type { SheetTold } from "../api/told";
 
 /** What of the sheet is in sight, in pixels of the sheet, y down. */
 export interface Sight {
@@ -33,7 +26,7 @@ export class SheetTiles {
   private left = false;
 
   private constructor(
-    private readonly told: Told,
+    private readonly told: SheetTold,
     private readonly path: string,
   ) {
     let begin = 0;
@@ -46,7 +39,7 @@ export class SheetTiles {
   /** The tiles of a drawing; null of one that is lines, or was read before tiles were kept. */
   static async open(drawing: Drawing): Promise<SheetTiles | null> {
     const { sheet, tiles } = drawing.files;
-    return sheet && tiles ? new SheetTiles(await get<Told>(sheet), tiles) : null;
+    return sheet && tiles ? new SheetTiles(await get<SheetTold>(sheet), tiles) : null;
   }
 
   get size(): [number, number] {
@@ -116,7 +109,10 @@ export class SheetTiles {
     void this.load(name)
       .then(
         (bitmap) => {
-          if (this.left) return bitmap.close();
+          if (this.left) {
+            bitmap.close();
+            return;
+          }
           this.kept.set(name, bitmap);
           for (const oldest of [...this.kept.keys()].slice(0, Math.max(0, this.kept.size - MOST_KEPT))) {
             this.kept.get(oldest)!.close();

@@ -1,7 +1,8 @@
 /** Strokes on a canvas that pans and zooms: a picture of them is moved while fingers move, and drawn anew at rest. */
+import type { Point } from "../api/told";
 import { followPointers } from "./pointers";
 import type { SheetTiles } from "./SheetTiles";
-import { isHidden, type Point, type Stroke } from "./sheet";
+import { isHidden, type Stroke } from "./sheet";
 
 const COLOURS: Record<string, string> = {
   wall: "#141414",

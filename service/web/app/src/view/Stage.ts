@@ -15,7 +15,8 @@ import {
   WebGLRenderer,
 } from "three";
 import { OrbitControls } from "three/examples/jsm/controls/OrbitControls.js";
-import { matrixOf, moved, type Cloud, type Matrix } from "./cloud";
+import type { Matrix } from "../api/told";
+import { matrixOf, moved, type Cloud } from "./cloud";
 import { MapPoints } from "./MapPoints";
 import type { MapCloud } from "./octree";
 import { Outlines, type At, type Outline } from "./outlines";
@@ -290,7 +291,7 @@ export class Stage {
   private holds(x: number, y: number): boolean {
     if (!this.scanPoints) return false;
     const { low, high } = this.scan!.cloud;
-    const here = new Vector3(...this.placeAt(x, y), this.T[2]![3]!).applyMatrix4(
+    const here = new Vector3(...this.placeAt(x, y), this.T[2]![3]).applyMatrix4(
       this.scanPoints.matrix.clone().invert(),
     );
     const margin = 12 * this.metresPerPixel();
@@ -301,8 +302,8 @@ export class Stage {
     const metres = this.metresPerPixel();
     if (grabbed && this.scan) {
       const by = { x: dx * metres, y: -dy * metres, yaw: -turn };
-      this.place(moved(this.T, by, this.scan!.cloud.centre));
-      this.scan!.moved(this.T);
+      this.place(moved(this.T, by, this.scan.cloud.centre));
+      this.scan.moved(this.T);
       return;
     }
     this.plan.position.x -= dx * metres;

@@ -1,6 +1,7 @@
 /** The walls of a revision, on which a place and a direction are tapped. */
 import { useRef } from "preact/hooks";
 import type { Rough } from "../api/parcels";
+import type { Features, WallFeature } from "../api/told";
 
 type Ring = [number, number][];
 
@@ -10,10 +11,6 @@ export interface Walls {
   high: [number, number];
 }
 
-interface Feature {
-  geometry: { type: string; coordinates: unknown };
-}
-
 const isPoint = (value: unknown): value is [number, number] => Array.isArray(value) && typeof value[0] === "number";
 
 function ringsOf(coordinates: unknown): Ring[] {
@@ -21,10 +18,8 @@ function ringsOf(coordinates: unknown): Ring[] {
   return parts.length > 0 && isPoint(parts[0]) ? [parts as Ring] : parts.flatMap(ringsOf);
 }
 
-export function wallsOf(collection: { features: Feature[] }): Walls {
-  const rings = collection.features
-    .filter((one) => one.geometry.type !== "Point")
-    .flatMap((one) => ringsOf(one.geometry.coordinates));
+export function wallsOf(collection: Features<WallFeature>): Walls {
+  const rings = collection.features.flatMap((one) => ringsOf(one.geometry.coordinates));
   const all = rings.flat();
   const bound = (axis: 0 | 1, pick: (a: number, b: number) => number, from: number) =>
     all.reduce((found, at) => pick(found, at[axis]), from);

@@ -1,4 +1,6 @@
 /** Points of a PCD file as the service writes it: binary, three floats and a label each. */
+import type { Matrix } from "../api/told";
+
 export interface Cloud {
   /** x, y, z one after the other [m]. */
   xyz: Float32Array;
@@ -103,8 +105,6 @@ export async function loadCloud(path: string, most = MOST_POINTS): Promise<Cloud
   if (!gathered) throw new Error("The points have an encoding that this page does not read.");
   return gathered.cloud();
 }
-
-export type Matrix = number[][];
 
 export interface Pose {
   x: number;

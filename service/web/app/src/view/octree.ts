@@ -1,18 +1,11 @@
 /** A revision's cloud in levels of detail, as the service writes it: `octree.json` and parts of `octree.bin`. */
 import { Refused, send } from "../api/client";
+import type { OctreeTold } from "../api/told";
 import { loadCloud, type Cloud } from "./cloud";
 
 const RECORD_BYTES = 8;
 const STEPS = 65_535;
 const OVERVIEW_POINTS = 60_000;
-
-interface Told {
-  points: number;
-  low_m: [number, number, number];
-  edge_m: number;
-  extent_m: { min: [number, number, number]; max: [number, number, number] };
-  nodes: [depth: number, x: number, y: number, z: number, count: number][];
-}
 
 export interface OctreeNode {
   low: [number, number, number];
@@ -38,7 +31,7 @@ export interface MapCloud {
 export const placeOf = (node: OctreeNode, records: Records, k: number, axis: number): number =>
   node.low[axis]! + (records[4 * k + axis]! / STEPS) * node.edge;
 
-function tree({ low_m, edge_m, nodes }: Told): { root: OctreeNode; inOrder: OctreeNode[] } {
+function tree({ low_m, edge_m, nodes }: OctreeTold): { root: OctreeNode; inOrder: OctreeNode[] } {
   const byPlace = new Map<string, OctreeNode>();
   const at = (depth: number, x: number, y: number, z: number): OctreeNode => {
     const name = `${depth}/${x}/${y}/${z}`;
@@ -81,9 +74,9 @@ export class Octree {
 
   /** Open a revision's cloud: its coarsest nodes are loaded at once; one without levels is loaded thinned. */
   static async open(artifacts: string): Promise<MapCloud> {
-    let told: Told;
+    let told: OctreeTold;
     try {
-      told = (await (await send("GET", `${artifacts}/octree.json`)).json()) as Told;
+      told = (await (await send("GET", `${artifacts}/octree.json`)).json()) as OctreeTold;
     } catch (cause) {
       if (cause instanceof Refused && cause.status === 404)
         return { overview: await loadCloud(`${artifacts}/point-cloud.pcd`), octree: null, first: [] };

@@ -1,4 +1,5 @@
 /** Lines over a stage seen from above: how sure a pose is, and regions that a person has drawn. */
+import type { Evidence } from "../api/told";
 import { BufferGeometry, Group, LineBasicMaterial, LineLoop, Vector3 } from "three";
 
 export type At = [number, number];
@@ -22,8 +23,7 @@ export interface Ellipse {
 }
 
 /** The ellipse that holds the true place in 95 of 100 cases, of a covariance in x and y; null where none is told. */
-export function ellipseOf(covariance: unknown): Ellipse | null {
-  const rows = covariance as (number | null)[][] | undefined;
+export function ellipseOf({ covariance: rows }: Evidence): Ellipse | null {
   const [xx, xy, yy] = [rows?.[0]?.[0], rows?.[0]?.[1], rows?.[1]?.[1]];
   if (typeof xx !== "number" || typeof xy !== "number" || typeof yy !== "number") return null;
   const [middle, apart] = [(xx + yy) / 2, Math.hypot((xx - yy) / 2, xy)];
@@ -47,6 +47,7 @@ export function cornersOf({ half, angle }: Ellipse, at: At): At[] {
 
 export class Outlines {
   readonly group = new Group();
+  private loops: LineLoop<BufferGeometry, LineBasicMaterial>[] = [];
 
   show(outlines: readonly Outline[]): void {
     this.leave();
@@ -54,15 +55,17 @@ export class Outlines {
       const geometry = new BufferGeometry().setFromPoints(corners.map(([x, y]) => new Vector3(x, y, HEIGHT_M)));
       const loop = new LineLoop(geometry, new LineBasicMaterial({ color: colour, depthTest: false }));
       loop.renderOrder = 2;
+      this.loops.push(loop);
       this.group.add(loop);
     }
   }
 
   leave(): void {
-    for (const loop of this.group.children as LineLoop<BufferGeometry, LineBasicMaterial>[]) {
+    for (const loop of this.loops) {
       loop.geometry.dispose();
       loop.material.dispose();
     }
+    this.loops = [];
     this.group.clear();
   }
 }

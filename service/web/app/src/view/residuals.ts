@@ -1,5 +1,6 @@
 /** How far a placed scan's points lie from the faces of the walls, as colours. */
-import type { Cloud, Matrix } from "./cloud";
+import type { Features, Matrix, Point, WallFeature } from "../api/told";
+import type { Cloud } from "./cloud";
 
 export const RESIDUALS = [
   { upTo: 0.02, colour: "#1a9850", label: "place.within2" },
@@ -12,19 +13,13 @@ const REACH_M = RESIDUALS[RESIDUALS.length - 1]!.upTo;
 const CELL_M = 0.5;
 const FLOOR_M = 0.1;
 
-type At = [number, number];
-interface Feature {
-  geometry: { type: string; coordinates: unknown };
-  properties: { kind: string; faces?: At[][] };
-}
-
 /** The faces of walls and columns, seen from above, found by place. */
 export class Faces {
-  private readonly cells = new Map<string, [At, At][]>();
+  private readonly cells = new Map<string, [Point, Point][]>();
 
-  constructor(collection: { features: Feature[] }) {
+  constructor(collection: Features<WallFeature>) {
     for (const { geometry, properties } of collection.features) {
-      const lines = properties.faces ?? (geometry.type === "Polygon" ? (geometry.coordinates as At[][]) : []);
+      const lines = properties.faces ?? (geometry.type === "Polygon" ? (geometry.coordinates as Point[][]) : []);
       for (const line of lines) for (let k = 1; k < line.length; k++) this.add(line[k - 1]!, line[k]!);
     }
   }
@@ -36,7 +31,7 @@ export class Faces {
     return least <= REACH_M ? least : Infinity;
   }
 
-  private add(a: At, b: At): void {
+  private add(a: Point, b: Point): void {
     const steps = Math.max(1, Math.ceil(Math.hypot(b[0] - a[0], b[1] - a[1]) / (CELL_M / 4)));
     const names = new Set<string>();
     for (let step = 0; step <= steps; step++) {
@@ -54,7 +49,7 @@ export class Faces {
 
 const nameOf = (x: number, y: number) => `${Math.floor(x / CELL_M)},${Math.floor(y / CELL_M)}`;
 
-function offOf(x: number, y: number, [ax, ay]: At, [bx, by]: At): number {
+function offOf(x: number, y: number, [ax, ay]: Point, [bx, by]: Point): number {
   const [dx, dy] = [bx - ax, by - ay];
   const share = Math.min(1, Math.max(0, ((x - ax) * dx + (y - ay) * dy) / Math.max(1e-12, dx * dx + dy * dy)));
   return Math.hypot(x - ax - share * dx, y - ay - share * dy);

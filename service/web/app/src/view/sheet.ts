@@ -1,10 +1,6 @@
 /** A reading as strokes: what was kept as walls, and what was set aside; and the way to the file's own coordinates. */
-import { get, type Drawing, type Schemas } from "../api/client";
-
-export type Point = [number, number];
-export type Edit = NonNullable<Schemas["DrawingPatch"]["edits"]>[number];
-
-export type StrokeLayer = Extract<Edit, { action: "move" }>["to"];
+import { get, type Drawing } from "../api/client";
+import type { Features, Likely, Point, Reading, StrokeFeature, StrokeLayer } from "../api/told";
 
 export interface Stroke {
   id: string;
@@ -17,23 +13,6 @@ export interface Stroke {
   high: Point;
 }
 
-export interface Scale {
-  state: "given" | "found" | "unknown";
-  metres_per_unit: number | null;
-  witnesses: { kind: string; detail: string; metres_per_unit: number | null }[];
-  candidates: { metres_per_unit: number; witnesses: string[] }[];
-}
-
-export interface Reading {
-  scale: Scale;
-  sheet: Point;
-  unit: string;
-  confidence: number;
-  drawing_origin: Point;
-  drawing_top: number | null;
-  findings: { code: string; severity: string; message: string }[];
-}
-
 export const KEPT: readonly StrokeLayer[] = ["wall", "column"];
 /** What a stroke is hidden by besides its layer. */
 export const reasonOf = (stroke: Stroke): string => `${stroke.layer}: ${stroke.reason}`;
@@ -41,19 +20,14 @@ export const isHidden = (stroke: Stroke, hidden: ReadonlySet<string>): boolean =
   hidden.has(stroke.layer) || hidden.has(reasonOf(stroke));
 export const isKept = (stroke: Stroke): boolean => KEPT.includes(stroke.layer);
 
-interface Feature {
-  geometry: { type: "LineString" | "MultiLineString" | "Polygon"; coordinates: unknown };
-  properties: { id: string; layer: StrokeLayer; reason: string; faces?: Point[][] };
-}
-
-function linesOf({ geometry, properties }: Feature): { lines: Point[][]; closed: boolean } {
+function linesOf({ geometry, properties }: StrokeFeature): { lines: Point[][]; closed: boolean } {
   if (properties.faces?.length === 2)
     return { lines: [[...properties.faces[0]!, ...[...properties.faces[1]!].reverse()]], closed: true };
   if (geometry.type === "LineString") return { lines: [geometry.coordinates as Point[]], closed: false };
   return { lines: geometry.coordinates as Point[][], closed: geometry.type === "Polygon" };
 }
 
-function strokeOf(feature: Feature): Stroke {
+function strokeOf(feature: StrokeFeature): Stroke {
   const { lines, closed } = linesOf(feature);
   const [low, high]: [Point, Point] = [
     [Infinity, Infinity],
@@ -71,7 +45,7 @@ function strokeOf(feature: Feature): Stroke {
 
 export async function loadStrokes(drawing: Drawing): Promise<Stroke[]> {
   const files = [drawing.files.removed, drawing.files.walls].filter((path): path is string => !!path);
-  const read = await Promise.all(files.map((path) => get<{ features: Feature[] }>(path)));
+  const read = await Promise.all(files.map((path) => get<Features<StrokeFeature>>(path)));
   return read.flatMap((collection) => collection.features.map(strokeOf));
 }
 
@@ -87,8 +61,15 @@ export function toFile(reading: Reading, [x, y]: Point): Point {
 /** A point of the file in frame `drawing`. */
 export function toDrawing(reading: Reading, [x, y]: readonly number[] | Point): Point {
   const [ox, oy] = reading.drawing_origin;
-  const [fx, fy] = [x! * factorOf(reading), y! * factorOf(reading)];
+  const [fx, fy] = [x * factorOf(reading), y * factorOf(reading)];
   return [fx - ox, reading.drawing_top === null ? fy - oy : reading.drawing_top - fy];
+}
+
+/** By how much a witness differs from a scale [%]: 0 where what it holds likely has the scale in it. */
+export function offBy(metresPerUnit: number, likely: Likely): number {
+  const [low, high] = typeof likely === "number" ? [likely, likely] : likely;
+  const nearest = Math.min(high, Math.max(low, metresPerUnit));
+  return 100 * (nearest / metresPerUnit - 1);
 }
 
 function isInside(ring: readonly Point[], [x, y]: Point): boolean {

@@ -1,0 +1,115 @@
+/**
+ * What the service tells beside its API's description: members that the description leaves open, and files.
+ * The types name what the pages read; `tests/told.ts` holds what the service does tell, and has to be of them.
+ */
+import type { components } from "./schema";
+
+export type Point = [number, number];
+export type Edit = NonNullable<components["schemas"]["DrawingPatch"]["edits"]>[number];
+export type StrokeLayer = Extract<Edit, { action: "move" }>["to"];
+
+/** Of a placement; one of an earlier version may lack some, or hold null where nothing determines it. */
+export interface Evidence {
+  inlier_share?: number | null;
+  residual_median_m?: number | null;
+  euclidean_fitness_score_m2?: number | null;
+  contradicted_share?: number | null;
+  /** Of x, y, z [m] and three angles [rad]. */
+  covariance?: (number | null)[][];
+}
+
+/** 4 x 4, row by row. */
+export type Matrix = number[][];
+
+export interface Candidate {
+  T_map_scan: Matrix;
+}
+
+export interface RoughPose {
+  x_m: number;
+  y_m: number;
+  z_m: number;
+  yaw_rad: number;
+}
+
+export interface Region {
+  within: number[][];
+}
+
+export interface ErasedRegion {
+  region_id: string;
+  region: Region;
+}
+
+/** Of a proposal to take off what has gone. */
+export interface Gone {
+  name: string;
+  whole_layer: boolean;
+  things: { region: Region }[];
+}
+
+/** What differs between two revisions, in points and tiles. */
+export interface Difference {
+  points_added: number;
+  points_removed: number;
+  tiles_unchanged: number;
+  tiles: unknown[];
+}
+
+/** Metres a unit, or the lowest and highest that are likely. */
+export type Likely = number | [low: number, high: number];
+
+export interface Scale {
+  state: "given" | "found" | "unknown";
+  metres_per_unit: number | null;
+  witnesses: { kind: string; detail: string; metres_per_unit: Likely }[];
+  candidates: { metres_per_unit: number; witnesses: string[] }[];
+}
+
+/** Of a drawing. */
+export interface Reading {
+  scale: Scale;
+  sheet: Point;
+  confidence: number;
+  drawing_origin: Point;
+  drawing_top: number | null;
+  findings: { code: string; severity: string; message: string }[];
+}
+
+export interface DrawingOptions {
+  edits?: Edit[];
+}
+
+export interface Features<F> {
+  features: F[];
+}
+
+/** Of a drawing's `walls.geojson` and `removed.geojson`. */
+export interface StrokeFeature {
+  geometry: { type: "LineString" | "MultiLineString" | "Polygon"; coordinates: Point[] | Point[][] };
+  properties: { id: string; layer: StrokeLayer; reason: string; faces?: Point[][] };
+}
+
+/** Of a revision's `walls.geojson`. */
+export interface WallFeature {
+  geometry: { type: "LineString" | "Polygon"; coordinates: Point[] | Point[][] };
+  properties: { faces?: Point[][] };
+}
+
+/** A revision's `octree.json`. */
+export interface OctreeTold {
+  points: number;
+  low_m: [number, number, number];
+  edge_m: number;
+  extent_m: { min: [number, number, number]; max: [number, number, number] };
+  nodes: [depth: number, x: number, y: number, z: number, count: number][];
+}
+
+/** A drawing's `sheet.json`. */
+export interface SheetTold {
+  size_px: [number, number];
+  tile_px: number;
+  levels: number;
+  sha256: string;
+  tiles: [level: number, column: number, row: number, bytes: number][];
+}

@@ -1,0 +1,36 @@
+import type {
+  Candidate,
+  Difference,
+  ErasedRegion,
+  Evidence,
+  Features,
+  Gone,
+  OctreeTold,
+  Reading,
+  RoughPose,
+  SheetTold,
+  StrokeFeature,
+  WallFeature,
+} from "../src/api/told";
+
+/** At least the members of `T`, at every depth. */
+type AtLeast<T> = T extends readonly unknown[]
+  ? { [K in keyof T]: AtLeast<T[K]> }
+  : T extends object
+    ? { [K in keyof T]: AtLeast<T[K]> } & Record<string, unknown>
+    : T;
+
+/** What `told.ts` holds: what the service tells has at least what the pages read of it. */
+export interface Told {
+  evidence: AtLeast<Required<Evidence>>[];
+  candidates: AtLeast<Candidate>[];
+  roughPoses: AtLeast<RoughPose>[];
+  erased: AtLeast<ErasedRegion>[];
+  gone: AtLeast<Gone>[];
+  differences: AtLeast<Difference>[];
+  readings: AtLeast<Reading>[];
+  strokes: AtLeast<Features<StrokeFeature>>[];
+  walls: AtLeast<Features<WallFeature>>[];
+  octrees: AtLeast<OctreeTold>[];
+  sheets: AtLeast<SheetTold>[];
+}
