@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import argparse
+import json
 import resource
 import signal
 import socket
@@ -27,12 +28,12 @@ from service.app import (
     require_blobs,
     require_schema,
 )
-from service.db.schema import ReferencesBroken, upgrade
+from service.db.schema import ReferencesBroken, upgrade, version
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
 from service.protocol import Http, headers_of_all_answers
 from service.settings import Settings
-from service.usecases.keys import create_first_key, create_key_at_the_console
+from service.usecases.keys import NewKey, create_first_key, create_key_at_the_console
 
 _GRACE_S = 10
 """Seconds that a stopping service gives to answers under way."""
@@ -128,11 +129,14 @@ def _serve(settings: Settings, _args: argparse.Namespace) -> int:
     return 0
 
 
-def _migrate(settings: Settings, _args: argparse.Namespace) -> int:
+def _migrate(settings: Settings, args: argparse.Namespace) -> int:
     kernel = open_kernel(settings)
     try:
         require_blobs(kernel)
+        before = version(kernel.db.engine)
         upgrade(kernel.db.engine)
+        if args.json:
+            _say(json.dumps({"schema_before": before, "schema": version(kernel.db.engine)}))
     finally:
         kernel.db.close()
     return 0
@@ -143,10 +147,24 @@ def _create_key(settings: Settings, args: argparse.Namespace) -> int:
     try:
         require_schema(kernel)
         made = create_key_at_the_console(kernel, name=args.name, role=Role(args.role), map_ids=args.map)
-        _say(made.secret)
+        _say(json.dumps(_told(made)) if args.json else made.secret)
     finally:
         kernel.db.close()
     return 0
+
+
+def _told(made: NewKey) -> dict[str, Any]:
+    """Return a new key as `POST /v1/keys` answers; it is neither revoked nor ever expires."""
+    return {
+        "id": made.key.id,
+        "name": made.key.name,
+        "role": made.key.role,
+        "map_ids": made.key.map_ids,
+        "created_at": made.key.created_at.isoformat(),
+        "expires_at": None,
+        "revoked_at": None,
+        "key": made.secret,
+    }
 
 
 def _parser() -> argparse.ArgumentParser:
@@ -166,6 +184,8 @@ def _parser() -> argparse.ArgumentParser:
     create.add_argument("--name", default="made at the console", help="what people call the key")
     create.add_argument("--map", action="append", metavar="ID", help="limit the key to this map; repeatable")
     create.set_defaults(run=_create_key)
+    for command in (migrate, create):
+        command.add_argument("--json", action="store_true", help="print the result as JSON on stdout")
     for command in (serve, migrate, create):
         command.add_argument("--data-dir", action=_Setting, type=Path, help="folder of files and database")
         command.set_defaults(settings=argparse.Namespace())

@@ -77,6 +77,11 @@ def _check_references(connection: Connection) -> None:
         )
 
 
+def version(engine: Engine) -> str | None:
+    """Return the schema's version that the database has; None where it has none yet."""
+    return next(iter(_present(engine)), None)
+
+
 def upgrade(engine: Engine, *, to: str = "head") -> None:
     """Bring the database to the schema of this version, in one transaction."""
     from alembic import command  # noqa: PLC0415 - as above
@@ -104,11 +109,14 @@ def is_current(engine: Engine) -> bool:
     -----
     Reads Alembic's own table and compares it with the scripts' texts, without loading Alembic.
     """
+    return _present(engine) == _heads()
+
+
+def _present(engine: Engine) -> frozenset[str]:
     with engine.connect() as connection:
         if not inspect(connection).has_table("alembic_version"):
-            return False
-        present = connection.execute(text("SELECT version_num FROM alembic_version")).scalars()
-        return set(present) == _heads()
+            return frozenset()
+        return frozenset(connection.execute(text("SELECT version_num FROM alembic_version")).scalars())
 
 
 @cache

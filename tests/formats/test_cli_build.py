@@ -2,6 +2,7 @@
 
 import hashlib
 import json
+import re
 import subprocess
 import sys
 from pathlib import Path
@@ -10,11 +11,14 @@ import numpy as np
 import pytest
 from PIL import Image, ImageDraw
 
+from tests.commands import commands, documented
 from worker.cli import main
 from worker.formats.pcd import read_pcd
+from worker.geometry.cloud.point_cloud import Label
 
 ROOT = Path(__file__).parents[2]
 SHARED = ROOT.parent / "shared"
+FOR_EVER = {"up", "serve", "worker", "vda5050"}
 
 
 @pytest.fixture
@@ -66,7 +70,40 @@ def test_json_goes_to_stdout_alone(sheet: Path, tmp_path: Path, capsys: pytest.C
     printed = json.loads(capsys.readouterr().out)
     assert printed["scale"]["state"] == "given"
     assert printed["counts"]["walls"] == 4
+    assert documented("read") == ["output"]
+    assert printed == {"output": str(out)} | json.loads((out / "reading.json").read_text())
     assert sorted(digests(out)) == ["preview.png", "reading.json", "removed.geojson", "walls.geojson"]
+
+
+def test_a_map_and_what_is_put_into_it_are_told_as_json(
+    sheet: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out, merged = tmp_path / "map", tmp_path / "merged.pcd"
+    assert main(["build", str(sheet), "--metres-per-unit", "0.01", "--json", "-o", str(out)]) == 0
+    assert documented("build") == ["output"]
+    told = json.loads(capsys.readouterr().out)
+    assert told == {"output": str(out)} | json.loads((out / "report.json").read_text())
+    cloud = str(out / "point-cloud.pcd")
+    assert main(["merge", cloud, cloud, "--voxel-size", "0.4", "-o", str(merged), "--json"]) == 0
+    told = json.loads(capsys.readouterr().out)
+    assert list(told) == documented("merge")
+    labels = read_pcd(merged).labels
+    assert told == {"points": len(labels), "points_of_layers": int((labels == Label.LAYER).sum())}
+    assert told["points_of_layers"] > 0
+
+
+def test_every_command_tells_its_result_as_json_or_runs_for_ever() -> None:
+    offered = subprocess.run(
+        [sys.executable, "-m", "worker.cli", "--help"], capture_output=True, text=True, check=True, cwd=ROOT
+    ).stdout
+    named = {words.split()[0] for words in commands()}
+    assert named == {line.split()[0] for line in offered.splitlines() if re.match(r" {4}[a-z0-9]", line)}
+    for words in commands():
+        help_ = subprocess.run(
+            [sys.executable, "-m", "worker.cli", *words.split(), "--help"],
+            capture_output=True, text=True, check=True, cwd=ROOT,
+        )  # fmt: skip
+        assert ("--json" in help_.stdout) == (words not in FOR_EVER), words
 
 
 def test_read_without_a_scale_says_so_in_pixels(sheet: Path, tmp_path: Path) -> None:

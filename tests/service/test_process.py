@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from datetime import datetime
 from pathlib import Path
 
 import httpx
@@ -16,6 +17,7 @@ import pytest
 
 from service.app import open_kernel
 from service.settings import Settings
+from tests.commands import documented
 from tests.schemas import bring_to_head
 from tests.server import ROOT, Server, environment, running, start
 from tests.service.asking import a_map, ok
@@ -64,6 +66,30 @@ def test_an_unmigrated_database_is_refused(tmp_path: Path) -> None:
     assert _run(settings, "migrate").returncode == 0
     made = _run(settings, "key", "create", "--role", "robot", "--name", "r2")
     assert (made.returncode, re.fullmatch(r"gp_[\w-]{43}\n", made.stdout) is not None) == (0, True)
+
+
+@pytest.mark.parametrize("where", ["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
+def test_what_was_migrated_is_told_as_json(
+    tmp_path: Path, where: str, request: pytest.FixtureRequest
+) -> None:
+    url = request.getfixturevalue("postgres_url") if where == "postgres" else None
+    settings = Settings(data_dir=tmp_path, database_url=url)
+    first, again = (json.loads(_run(settings, "migrate", "--json").stdout) for _ in range(2))
+    assert list(first) == documented("migrate")
+    assert again == {"schema_before": first["schema"], "schema": first["schema"]}
+    assert re.fullmatch(r"\d{4}", first["schema"])
+
+
+def test_a_key_made_at_the_console_is_told_as_the_api_tells_one(server: Server, admin: httpx.Client) -> None:
+    map_id = a_map(admin)
+    words = ("key", "create", "--role", "tablet", "--name", "t1", "--map", map_id, "--json")
+    made = json.loads(_run(server.settings, *words).stdout)
+    assert list(made) == documented("key create")
+    listed = next(one for one in ok(admin.get("/v1/keys"))["items"] if one["id"] == made["id"])
+    same = {name: made[name] for name in listed if name != "created_at"}
+    assert same == {name: value for name, value in listed.items() if name != "created_at"}
+    assert datetime.fromisoformat(made["created_at"]) == datetime.fromisoformat(listed["created_at"])
+    assert ok(server.client(made["key"]).get("/v1/maps"))["items"][0]["id"] == map_id
 
 
 def _with_files(settings: Settings) -> Server:
