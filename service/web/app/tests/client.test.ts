@@ -47,7 +47,7 @@ test("a refusal has the service's own words, another answer its status", async (
 
 test("what was removed answers with nothing", async () => {
   await serve((_, response) => response.writeHead(204).end());
-  expect(await remove("/v1/keys/k")).toBeUndefined();
+  await expect(remove("/v1/keys/k")).resolves.toBeUndefined();
 });
 
 test("a value that this page has no words for names itself", () => {

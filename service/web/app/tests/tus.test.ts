@@ -61,13 +61,15 @@ async function service(fault: (asked: Asked, response: ServerResponse) => boolea
   return { asked, uploads };
 }
 
-const metadataOf = ({ headers }: Asked) =>
-  Object.fromEntries(
-    String(headers["upload-metadata"])
-      .split(",")
-      .map((pair) => pair.split(" "))
-      .map(([name, text]) => [name, Buffer.from(text!, "base64").toString("utf8")]),
+function metadataOf({ headers }: Asked): Map<string, string> {
+  const pairs = String(headers["upload-metadata"]).split(",");
+  return new Map(
+    pairs.map((pair) => {
+      const [name, text] = pair.split(" ") as [string, string];
+      return [name, Buffer.from(text, "base64").toString("utf8")];
+    }),
   );
+}
 
 test("a scan arrives whole in pieces, with its name, its map and where it was taken", async () => {
   const bytes = bytesOf(2 * PIECE + 5);
@@ -78,7 +80,7 @@ test("a scan arrives whole in pieces, with its name, its map and where it was ta
   expect(uploads.get("/v1/tus/1")!.got.equals(Buffer.from(bytes))).toBe(true);
   expect(seen).toEqual({ began: 1, sent: [0, PIECE, 2 * PIECE, bytes.length], waiting: [false, false, false, false] });
   expect(asked[0]!.headers["idempotency-key"]).toBe("once-1");
-  expect(metadataOf(asked[0]!)).toEqual({
+  expect(Object.fromEntries(metadataOf(asked[0]!))).toEqual({
     map_id: "map_1",
     kind: "scan",
     filename: "スキャン.ply",
