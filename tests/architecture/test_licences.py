@@ -16,6 +16,7 @@ from tests.architecture.sources import ROOT, trees
 
 LISTED = {
     "certifi": "MPL-2.0: weak copyleft on its own files, which are certificates and unchanged",
+    "orjson": "MPL-2.0, and Apache-2.0 or MIT: weak copyleft on its own files, unchanged",
     "tqdm": "MPL-2.0 and MIT: weak copyleft on its own files, unchanged; the OCR package asks for it",
     "paho-mqtt": "EPL-2.0 or BSD-3-Clause: taken under BSD-3-Clause",
     "psycopg": "LGPL-3.0: imported unchanged, and whoever installs it can replace it",
