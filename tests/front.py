@@ -17,11 +17,11 @@ from urllib.parse import urlsplit
 import httpx
 import pytest
 
+from tests.patience import PATIENCE_S
 from tests.server import ROOT, Server
 
 CONFIGURATION = ROOT / "docker" / "front" / "nginx.conf"
 PREFIX = {"GROUNDPLAN_FRONT_PREFIX": "/_blobs/"}
-_START_S = 20.0
 
 
 @dataclass(frozen=True)
@@ -91,7 +91,7 @@ def make_certificate(folder: Path) -> Path:
 
 
 def _wait(front: Front, process: subprocess.Popen[bytes], *, status: int) -> None:
-    until = time.monotonic() + _START_S
+    until = time.monotonic() + PATIENCE_S
     with front.client("none") as client:
         while True:
             try:

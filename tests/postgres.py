@@ -21,7 +21,8 @@ from pathlib import Path
 import psycopg
 import pytest
 
-_START_S = 60.0
+from tests.patience import PATIENCE_S
+
 _TEMPLATE = "groundplan_template"
 
 
@@ -108,7 +109,7 @@ def running_server() -> Iterator[PostgresServer]:
             yield server
         finally:
             process.send_signal(signal.SIGINT)  # fast shutdown: connections are cut
-            process.wait(timeout=_START_S)
+            process.wait(timeout=PATIENCE_S)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
 
@@ -120,7 +121,7 @@ def _run(command: list[str], folder: Path) -> None:
 
 
 def _wait_until_it_answers(server: PostgresServer, process: subprocess.Popen[bytes]) -> None:
-    deadline = time.monotonic() + _START_S
+    deadline = time.monotonic() + PATIENCE_S
     while True:
         try:
             server.execute("SELECT 1")

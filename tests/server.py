@@ -25,10 +25,10 @@ import pytest
 from service.app import open_kernel
 from service.settings import Settings
 from service.usecases.kernel import Kernel
+from tests.patience import PATIENCE_S
 from tests.schemas import bring_to_head
 
 ROOT = Path(__file__).resolve().parent.parent
-_START_S = 60.0
 _STOP_S = 20.0
 
 ClientFor = Callable[..., httpx.Client]
@@ -135,7 +135,7 @@ def start(settings: Settings, *, admin_key: str | None = None, **more: str) -> S
 def _announced(process: subprocess.Popen[str], log: Path) -> tuple[str, str | None]:
     """Return the address, and the key if one is printed, from the process's standard output."""
     assert process.stdout is not None
-    watch = threading.Timer(_START_S, process.kill)
+    watch = threading.Timer(PATIENCE_S, process.kill)
     watch.start()
     key = None
     try:

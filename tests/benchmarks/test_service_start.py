@@ -6,10 +6,10 @@ import sys
 from pathlib import Path
 from statistics import median
 
-import httpx
 import pytest
 
 from service.settings import Settings
+from tests import web
 from tests.server import running
 
 MIB = 1024 * 1024
@@ -20,7 +20,7 @@ def test_ready_and_at_rest(tmp_path: Path) -> None:
     ready, rss = [], []
     for number in range(5):
         with running(Settings(data_dir=tmp_path / str(number))) as server:
-            assert httpx.get(server.url + "/readyz").status_code == 200
+            assert web.get(server.url + "/readyz").status_code == 200
             ready.append(server.ready_after_s)
             rss.append(server.rss_bytes / MIB)
     spread = f"{min(ready):.2f} to {max(ready):.2f}"

@@ -14,6 +14,7 @@ import pytest
 from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
+from tests import web
 from tests.server import Server
 
 FLAGS = [
@@ -113,7 +114,7 @@ def signed_in(visit: Visit, server: Server) -> Watched:
 @contextmanager
 def with_cookie(url: str, secret: str) -> Iterator[httpx.Client]:
     """Give a client that has signed in like the page, and sends no header of ours afterwards."""
-    with httpx.Client(base_url=url) as client:
+    with web.Client(base_url=url) as client:
         answer = client.put("/v1/session", json={"key": secret}, headers={"X-Groundplan-Session": "1"})
         assert answer.status_code == 200, answer.text
         yield client

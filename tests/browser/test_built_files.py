@@ -7,9 +7,8 @@ import hashlib
 import re
 from pathlib import Path
 
-import httpx
-
 from service.web.pages import DIST
+from tests import web
 from tests.server import Server
 from tests.service.snapshot import SNAPSHOT
 
@@ -47,19 +46,19 @@ def test_the_first_load_is_small() -> None:
 
 
 def test_hashed_files_are_kept_for_ever_and_the_page_is_asked_for(server: Server) -> None:
-    page = httpx.get(server.url)
+    page = web.get(server.url)
     assert page.headers["cache-control"] == "no-cache"
     for name in re.findall(r'"(/assets/[^"]+)"', page.text):
-        asset = httpx.get(server.url + name)
+        asset = web.get(server.url + name)
         assert asset.status_code == 200
         assert asset.headers["cache-control"] == "public, max-age=31536000, immutable"
         assert asset.content == (DIST / name.lstrip("/")).read_bytes()
     for name in ("manifest.webmanifest", "tablet-worker.js", "icon.svg", "icon-192.png", "tablet"):
-        assert httpx.get(f"{server.url}/{name}").headers["cache-control"] == "no-cache"
+        assert web.get(f"{server.url}/{name}").headers["cache-control"] == "no-cache"
 
 
 def test_the_policy_allows_our_own_files_alone(server: Server) -> None:
-    policy = httpx.get(server.url).headers["content-security-policy"]
+    policy = web.get(server.url).headers["content-security-policy"]
     directives = dict(part.strip().split(" ", 1) for part in policy.split(";"))
     assert directives["default-src"] == "'none'"
     assert directives["script-src"] == directives["style-src"] == directives["connect-src"] == "'self'"
@@ -76,4 +75,4 @@ def test_nothing_beside_the_built_files_is_given(server: Server) -> None:
         "/sources.sha256",
         "/app/index.html",
     ):
-        assert httpx.get(server.url + path).status_code == 404, path
+        assert web.get(server.url + path).status_code == 404, path

@@ -5,6 +5,7 @@ from __future__ import annotations
 import io
 import math
 import re
+import time
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -22,8 +23,10 @@ from demo.hall import Hall, synthetic_hall
 from demo.running import Running, groundplan_up
 from demo.sheet import drawing_png, known_length
 from tests.browser.conftest import Visit, Watched
+from tests.patience import PATIENCE_S
 
 SEED = 5
+_NEAR = 0.01
 At = tuple[float, float]
 
 
@@ -84,16 +87,22 @@ class Sheet:
 
     def go_to(self, at: At) -> None:
         """Move the sheet with the arrows until a place is in the middle, to a hundredth of the canvas."""
-        box = self.canvas.bounding_box()
-        assert box is not None
-        x, y = self.on_page(at)
-        away = (x - box["x"]) / box["width"] - 0.5, (y - box["y"]) / box["height"] - 0.5
-        for share, (less, more) in zip(away, (("Left", "Right"), ("Up", "Down")), strict=True):
+        for share, (less, more) in zip(self._away(at), (("Left", "Right"), ("Up", "Down")), strict=True):
             tens, ones = divmod(round(abs(share) * 100), 10)
             arrow = f"Arrow{more if share > 0 else less}"
             for key in [arrow] * tens + [f"Shift+{arrow}"] * ones:
                 self.page.keyboard.press(key)
-        self.page.wait_for_timeout(150)
+        until = time.monotonic() + PATIENCE_S
+        while max(abs(part) for part in self._away(at)) > _NEAR:
+            assert time.monotonic() < until, self._away(at)
+            self.page.wait_for_timeout(50)
+
+    def _away(self, at: At) -> At:
+        """Return how far a place is from the middle of the canvas, in shares of it."""
+        box = self.canvas.bounding_box()
+        assert box is not None
+        x, y = self.on_page(at)
+        return (x - box["x"]) / box["width"] - 0.5, (y - box["y"]) / box["height"] - 0.5
 
     def inked(self) -> NDArray[np.bool_]:
         """Return which pixels of the canvas, buttons on it left out, are not bare paper."""

@@ -10,6 +10,7 @@ from sqlalchemy import insert
 
 from service.db.models import Key
 from service.domain.ids import new_id
+from tests import web
 from tests.browser.conftest import Visit, Watched
 from tests.server import Server
 from tests.service.asking import a_map, ok
@@ -68,7 +69,7 @@ def test_a_map_and_a_key_are_made_and_the_key_revoked(signed_in: Watched, server
     page.get_by_role("button", name="Make the key").click()
     secret = page.locator("code.secret").inner_text()
     assert (
-        ok(httpx.get(f"{server.url}/v1/session", headers={"Authorization": f"Bearer {secret}"}))["role"]
+        ok(web.get(f"{server.url}/v1/session", headers={"Authorization": f"Bearer {secret}"}))["role"]
         == "tablet"
     )
     page.get_by_role("button", name="Close").click()
@@ -77,8 +78,7 @@ def test_a_map_and_a_key_are_made_and_the_key_revoked(signed_in: Watched, server
     page.get_by_role("dialog").get_by_role("button", name="Revoke").click()
     expect(row.get_by_text("Revoked")).to_be_visible()
     assert (
-        httpx.get(f"{server.url}/v1/session", headers={"Authorization": f"Bearer {secret}"}).status_code
-        == 401
+        web.get(f"{server.url}/v1/session", headers={"Authorization": f"Bearer {secret}"}).status_code == 401
     )
     signed_in.clean()
 

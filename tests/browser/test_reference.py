@@ -7,6 +7,7 @@ import re
 import httpx
 from playwright.sync_api import Route, expect
 
+from tests import web
 from tests.browser.conftest import Visit
 from tests.server import Server
 from tests.service.asking import a_map, ok
@@ -26,7 +27,7 @@ def test_the_reference_needs_no_other_server(visit: Visit, server: Server) -> No
 
     page.route("**/*", only_here)
     page.goto(f"{server.url}/docs")
-    paths = ok(httpx.get(f"{server.url}/openapi.json"))["paths"]
+    paths = ok(web.get(f"{server.url}/openapi.json"))["paths"]
     operations = sum(len(methods) for methods in paths.values())
     expect(page.locator(".opblock")).to_have_count(operations)
     page.locator(".opblock", has_text=re.compile("GET/v1/maps(?!/)")).first.click()

@@ -6,6 +6,7 @@ import httpx
 import pytest
 from playwright.sync_api import expect
 
+from tests import web
 from tests.browser.conftest import Visit, with_cookie
 from tests.server import Server
 from tests.service.asking import a_map, ok, refused
@@ -14,7 +15,7 @@ OWN_PAGE = {"X-Groundplan-Session": "1"}
 
 
 def test_the_cookie_is_out_of_reach_of_scripts_and_foreign_pages(server: Server) -> None:
-    answer = httpx.put(f"{server.url}/v1/session", json={"key": server.admin_key}, headers=OWN_PAGE)
+    answer = web.put(f"{server.url}/v1/session", json={"key": server.admin_key}, headers=OWN_PAGE)
     assert ok(answer) == {"key_id": "key_" + "0" * 26, "role": "admin", "map_ids": None}
     cookie = answer.headers["set-cookie"]
     assert "HttpOnly" in cookie
@@ -24,7 +25,7 @@ def test_the_cookie_is_out_of_reach_of_scripts_and_foreign_pages(server: Server)
 
 
 def test_a_wrong_key_does_not_sign_in(server: Server) -> None:
-    answer = httpx.put(f"{server.url}/v1/session", json={"key": "gp_wrong"}, headers=OWN_PAGE)
+    answer = web.put(f"{server.url}/v1/session", json={"key": "gp_wrong"}, headers=OWN_PAGE)
     refused(answer, 401, "unauthenticated")
     assert "set-cookie" not in answer.headers
 
@@ -52,8 +53,12 @@ def test_a_stolen_form_is_refused(server: Server, admin: httpx.Client, kind: str
 
 
 def test_signing_in_or_out_is_not_for_foreign_pages(server: Server) -> None:
-    refused(httpx.put(f"{server.url}/v1/session", json={"key": server.admin_key}), 403, "origin-not-proven")
-    refused(httpx.delete(f"{server.url}/v1/session"), 403, "origin-not-proven")
+    refused(
+        web.put(f"{server.url}/v1/session", json={"key": server.admin_key}),
+        403,
+        "origin-not-proven",
+    )
+    refused(web.delete(f"{server.url}/v1/session"), 403, "origin-not-proven")
 
 
 def test_a_session_has_the_rights_of_its_key_and_ends_with_it(server: Server, admin: httpx.Client) -> None:

@@ -14,9 +14,10 @@ from pathlib import Path
 
 import psutil
 
+from tests.patience import PATIENCE_S
+
 SIZE_BYTES = 64 << 20
 RESERVE_BYTES = 2 << 20
-PATIENCE_S = 240.0
 _BLOCK_BYTES = 1 << 20
 
 

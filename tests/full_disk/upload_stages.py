@@ -18,7 +18,7 @@ from sqlalchemy import select
 
 from service.db.models import Blob, Drawing
 from service.settings import Settings
-from tests import files
+from tests import files, web
 from tests.full_disk.small_disk import RESERVE_BYTES, SmallDisk, let_go, mounted, order_halt, wait_halted
 from tests.server import Server, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
@@ -88,7 +88,7 @@ class Story:
 
     def assert_still_read(self) -> None:
         """Assert that what is stored is shown and given, and that the service tells of its disk."""
-        assert ok(httpx.get(f"{self.server.url}/readyz"))["checks"]["storage"].startswith("storage-full")
+        assert ok(web.get(f"{self.server.url}/readyz"))["checks"]["storage"].startswith("storage-full")
         assert 'groundplan_storage_full{holds="data"} 1.0' in metrics_of(self.server)
         for where in ("/v1/maps", "/v1/jobs", "/v1/stats", "/v1/audit", f"/v1/maps/{self.map_id}/drawings"):
             ok(self.client.get(where))
@@ -99,7 +99,7 @@ class Story:
 
 def metrics_of(server: Server) -> str:
     """Return the service's metrics."""
-    return httpx.get(f"{server.url}/metrics").text
+    return web.get(f"{server.url}/metrics").text
 
 
 @pytest.fixture(scope="module")

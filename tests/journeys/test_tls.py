@@ -16,7 +16,8 @@ from pathlib import Path
 import httpx
 import pytest
 
-_START_S = 60.0
+from tests import web
+from tests.patience import PATIENCE_S
 
 
 @contextmanager
@@ -37,7 +38,7 @@ def up(data: Path, *more: str) -> Iterator[str]:
 
 
 def _address(process: subprocess.Popen[bytes], log: Path) -> str:
-    until = time.monotonic() + _START_S
+    until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
         found = re.search(r"listens at (https?://\S+)", log.read_text(encoding="utf-8"))
         if found:
@@ -52,17 +53,17 @@ def test_https_with_a_certificate_that_is_made_once_and_can_be_trusted(tmp_path:
     with up(data, "--tls") as address:
         assert address.startswith("https://")
         trusting = ssl.create_default_context(cafile=str(data / "tls" / "certificate.pem"))
-        answer = httpx.get(f"{address}/readyz", verify=trusting)
+        answer = web.get(f"{address}/readyz", verify=trusting)
         assert answer.status_code == 200
-        by_name = httpx.get(address.replace("127.0.0.1", "localhost") + "/tablet", verify=trusting)
+        by_name = web.get(address.replace("127.0.0.1", "localhost") + "/tablet", verify=trusting)
         assert by_name.status_code == 200
         with pytest.raises(httpx.ConnectError, match="certificate"):
-            httpx.get(f"{address}/readyz")
+            web.get(f"{address}/readyz")
     key = data / "tls" / "key.pem"
     assert stat.S_IMODE(key.stat().st_mode) == 0o600
     made = (key.read_bytes(), (data / "tls" / "certificate.pem").read_bytes())
     with up(data, "--tls") as address:
-        assert httpx.get(f"{address}/healthz", verify=trusting).status_code == 200
+        assert web.get(f"{address}/healthz", verify=trusting).status_code == 200
     assert (key.read_bytes(), (data / "tls" / "certificate.pem").read_bytes()) == made
 
 

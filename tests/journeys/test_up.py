@@ -17,12 +17,13 @@ import httpx
 import psutil
 import pytest
 
+from tests import web
+from tests.patience import PATIENCE_S
 from tests.service.asking import a_map, ok
 from tests.service.fleets import soon
 from worker.cli import supervision
 from worker.cli.supervision import Supervisor, how_ended
 
-PATIENCE_S = 60.0
 SQUARE = b"""0
 SECTION
 2
@@ -116,7 +117,7 @@ def test_what_is_killed_is_started_again_at_the_same_address(tmp_path: Path) -> 
         assert running.child("worker") == worker, "the other one goes on"
         psutil.Process(worker).send_signal(signal.SIGKILL)
         running.child("worker", other_than=worker)
-        with httpx.Client(base_url=address, headers={"Authorization": f"Bearer {key}"}) as admin:
+        with web.Client(base_url=address, headers={"Authorization": f"Bearer {key}"}) as admin:
             sent = {"file": ("plan.dxf", SQUARE)}
             made = ok(admin.post(f"/v1/maps/{a_map(admin)}/drawings", files=sent), 202)
             where = f"/v1/jobs/{made['job']['id']}"
@@ -127,7 +128,7 @@ def test_what_is_killed_is_started_again_at_the_same_address(tmp_path: Path) -> 
 
 def _answers(address: str) -> bool:
     try:
-        return httpx.get(f"{address}/readyz").status_code == 200
+        return web.get(f"{address}/readyz").status_code == 200
     except httpx.TransportError:
         return False
 

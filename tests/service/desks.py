@@ -18,11 +18,11 @@ from pydantic import SecretStr
 
 from service.settings import Settings
 from tests.every_list import Look
+from tests.patience import PATIENCE_S
 from tests.postgres import PostgresServer
 from tests.server import ROOT, Server, environment, running
 from tests.service.asking import a_map, ok
 
-PATIENCE_S = 120.0
 LOOPBACK = {"GROUNDPLAN_WEBHOOK_NETWORKS": "127.0.0.0/8"}
 
 

@@ -9,11 +9,11 @@ from typing import Any, TypeVar
 
 import httpx
 
+from tests.patience import PATIENCE_S
 from tests.server import Server
 from tests.service.asking import a_map, a_ready_revision, ok
 from tests.service.by_hand import ByHand
 
-_SOON_S = 10.0
 T = TypeVar("T")
 
 
@@ -89,7 +89,7 @@ class Fleet:
         return [robot for robot in self.robots if robot.told() == n]
 
 
-def soon(look: Callable[[], T | None], *, patience_s: float = _SOON_S) -> T:
+def soon(look: Callable[[], T | None], *, patience_s: float = PATIENCE_S) -> T:
     """Return what `look` finds; it has to find something soon."""
     until = time.monotonic() + patience_s
     while True:

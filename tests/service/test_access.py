@@ -11,6 +11,7 @@ import pytest
 from sqlalchemy import func, select
 
 from service.db.models import Job
+from tests import web
 from tests.server import ClientFor, Server
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import NO_TILES, ByHand
@@ -211,7 +212,7 @@ def _ask(client: httpx.Client, route: Route, ids: dict[str, str]) -> httpx.Respo
 
 
 def test_every_route_is_in_the_table(server: Server) -> None:
-    schema = ok(httpx.get(f"{server.url}/openapi.json"))
+    schema = ok(web.get(f"{server.url}/openapi.json"))
     routes = {(method.upper(), path) for path, methods in schema["paths"].items() for method in methods}
     assert routes == {(route.method, route.path.partition("?")[0]) for route in ROUTES} | OPEN | TUS | ENDLESS
     keyless = {

@@ -15,6 +15,7 @@ import pytest
 from sqlalchemy import select
 
 from service.db.models import Job
+from tests import web
 from tests.server import ClientFor
 from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import ByHand
@@ -204,15 +205,15 @@ def test_the_tiles_that_changed_rebuild_the_cloud(two: Two) -> None:
 def test_a_link_works_without_a_key_until_it_expires(two: Two) -> None:
     asked = {"path": "package.tar", "valid_s": "2"}
     link = ok(two.robot.get(f"{two.where}/2/link", params=asked))
-    got = httpx.get(link["url"])
+    got = web.get(link["url"])
     assert (got.status_code, got.content) == (200, two.new["package.tar"])
     assert (link["sha256"], link["size_bytes"]) == (sha256(got.content), len(got.content))
-    assert httpx.get(link["url"], headers={"Range": "bytes=0-9"}).content == got.content[:10]
+    assert web.get(link["url"], headers={"Range": "bytes=0-9"}).content == got.content[:10]
     for part, other in (("package.tar", "point-cloud.pcd"), ("/2/", "/1/"), ("expires=", "expires=1")):
-        refused(httpx.get(link["url"].replace(part, other)), 403, "link-not-valid")
-    refused(httpx.get(link["url"].partition("?")[0]), 422, "invalid-request")
+        refused(web.get(link["url"].replace(part, other)), 403, "link-not-valid")
+    refused(web.get(link["url"].partition("?")[0]), 422, "invalid-request")
     time.sleep(2.2)
-    assert "expired" in refused(httpx.get(link["url"]), 403, "link-not-valid")["detail"]
+    assert "expired" in refused(web.get(link["url"]), 403, "link-not-valid")["detail"]
 
 
 def test_a_link_dies_with_the_key_that_signed_it(
@@ -222,9 +223,9 @@ def test_a_link_dies_with_the_key_that_signed_it(
     signer = {"Authorization": f"Bearer {made['key']}"}
     asked = {"path": "point-cloud.pcd"}
     url = ok(admin.get(f"{two.where}/2/link", params=asked, headers=signer))["url"]
-    assert httpx.head(url).status_code == 200
+    assert web.head(url).status_code == 200
     assert admin.delete(f"/v1/keys/{made['id']}").status_code == 204
-    refused(httpx.get(url), 403, "link-not-valid")
+    refused(web.get(url), 403, "link-not-valid")
     refused(admin.get(f"{two.where}/2/link", params={"path": "nothing"}), 404, "artifact-not-found")
     stranger = client_for("robot", [a_map(admin)])
     refused(stranger.get(f"{two.where}/2/link", params=asked), 404, "map-not-found")

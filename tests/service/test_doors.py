@@ -14,6 +14,7 @@ import pytest
 
 from service.db.keys import lock_admin_keys
 from service.settings import Settings
+from tests import web
 from tests.server import Server, running, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -85,7 +86,7 @@ def test_of_two_that_revoke_each_other_one_stays(fresh: Server) -> None:
         statuses: list[int] = []
 
         def revoke(secret: str, other: str, ready: threading.Barrier, told: list[int]) -> None:
-            with httpx.Client(base_url=fresh.url, headers={"Authorization": f"Bearer {secret}"}) as client:
+            with web.Client(base_url=fresh.url, headers={"Authorization": f"Bearer {secret}"}) as client:
                 client.get("/healthz")
                 ready.wait(timeout=30)
                 told.append(client.delete(f"/v1/keys/{other}", timeout=60).status_code)
@@ -160,7 +161,7 @@ def test_names_of_this_machine_are_kept(admin: httpx.Client, host: str) -> None:
 
 def _type_told(server: Server, **headers: str) -> str:
     named = {name.replace("_", "-"): value for name, value in headers.items()}
-    told: str = httpx.get(f"{server.url}/v1/maps", headers=named).json()["type"]
+    told: str = web.get(f"{server.url}/v1/maps", headers=named).json()["type"]
     return told.removesuffix("/problems/unauthenticated")
 
 

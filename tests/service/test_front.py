@@ -17,7 +17,7 @@ import httpx
 import pytest
 
 from service.settings import Settings
-from tests import files
+from tests import files, web
 from tests.foreign.tus_js import TusJs
 from tests.front import PREFIX, Front, fronted
 from tests.server import Server, running, start
@@ -196,7 +196,7 @@ def test_nginx_says_to_browsers_on_its_own_answers_what_the_service_says(
 )
 def test_the_front_gives_no_metrics(fronts: tuple[Server, Front], path: str) -> None:
     bare, front = fronts
-    assert "groundplan_jobs" in httpx.get(f"{bare.url}/metrics").text
+    assert "groundplan_jobs" in web.get(f"{bare.url}/metrics").text
     where = urlsplit(front.url)
     trusted = ssl.create_default_context(cafile=str(front.certificate))
     for method in ("GET", "HEAD", "POST"):

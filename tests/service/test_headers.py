@@ -15,6 +15,7 @@ from sqlalchemy import text
 
 from service.settings import Settings
 from service.web.pages import CONTENT_SECURITY_POLICY, DIST
+from tests import web
 from tests.front import make_certificate
 from tests.server import Server, environment, running
 from tests.service.asking import a_map, a_ready_revision, ok
@@ -44,11 +45,11 @@ def _all(policy: str | None) -> list[tuple[str, str]]:
 
 
 def test_every_operation_without_a_key(server: Server) -> None:
-    paths = ok(httpx.get(f"{server.url}/openapi.json"))["paths"]
+    paths = ok(web.get(f"{server.url}/openapi.json"))["paths"]
     asked = 0
     for path, operations in paths.items():
         for method in operations:
-            answer = httpx.request(method, server.url + path.replace("{n}", "1"))
+            answer = web.request(method, server.url + path.replace("{n}", "1"))
             assert _said(answer) == _all(NOTHING_RUNS), f"{method} {path}"
             asked += 1
     assert asked > 80
@@ -58,7 +59,7 @@ def test_every_operation_without_a_key(server: Server) -> None:
     "path", [*PAGES, *(f"/assets/{f.name}" for f in sorted((DIST / "assets").iterdir()))]
 )
 def test_pages_and_what_they_load(server: Server, path: str) -> None:
-    answer = httpx.get(server.url + path)
+    answer = web.get(server.url + path)
     assert answer.status_code == 200
     assert _said(answer) == _all(CONTENT_SECURITY_POLICY)
 
@@ -145,7 +146,7 @@ def test_https_is_asked_for_only_where_it_is_spoken(
 ) -> None:
     with running(Settings(data_dir=tmp_path / "data"), **variables) as server:
         for path in ("/", "/nowhere", "/v1/maps", "/healthz"):
-            assert httpx.get(server.url + path).headers.get("strict-transport-security") == told
+            assert web.get(server.url + path).headers.get("strict-transport-security") == told
 
 
 def test_a_certificate_of_its_own_asks_for_https(tmp_path: Path) -> None:
@@ -168,6 +169,6 @@ def test_a_certificate_of_its_own_asks_for_https(tmp_path: Path) -> None:
         assert process.stdout is not None
         url = process.stdout.readline().split()[-1].replace("127.0.0.1", "localhost")
         trusted = ssl.create_default_context(cafile=str(certificate))
-        answer = httpx.get(f"{url}/healthz", verify=trusted)
+        answer = web.get(f"{url}/healthz", verify=trusted)
         process.terminate()
     assert answer.headers["strict-transport-security"] == f"max-age={YEAR_S}"

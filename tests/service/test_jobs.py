@@ -10,6 +10,7 @@ from typing import Any
 import httpx
 import pytest
 
+from tests import web
 from tests.server import ClientFor
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -59,7 +60,7 @@ def test_a_failed_job_carries_its_problem(admin: httpx.Client, by_hand: ByHand) 
         "It ends early.",
         7,
     )
-    assert httpx.get(problem["type"]).status_code == 200
+    assert web.get(problem["type"]).status_code == 200
 
 
 def test_cancel_and_retry(admin: httpx.Client, by_hand: ByHand) -> None:

@@ -30,12 +30,13 @@ from service.api.live import (
 from service.domain.access import Actor
 from service.domain.lifecycle import Role
 from service.settings import Settings
+from tests import web
+from tests.patience import PATIENCE_S
 from tests.server import Server, new_client, running, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
 
 ENDED_WITHIN_S = 5.0
-_PATIENCE_S = 60.0
 
 
 class Heard:
@@ -58,7 +59,7 @@ class Heard:
         def listen() -> None:
             with (
                 suppress(httpx.HTTPError, httpx.StreamError),  # left by this side, or broken: not ended
-                client.stream("GET", path, headers=headers, timeout=_PATIENCE_S) as answer,
+                client.stream("GET", path, headers=headers, timeout=PATIENCE_S) as answer,
             ):
                 assert answer.status_code == 200
                 opened.set()
@@ -71,17 +72,17 @@ class Heard:
 
         self.thread = threading.Thread(target=listen, daemon=True)
         self.thread.start()
-        assert opened.wait(_PATIENCE_S)
+        assert opened.wait(PATIENCE_S)
 
     def wait_for(self, *names: str) -> None:
         """Pass when exactly these events were told."""
         with self._news:
-            assert self._news.wait_for(lambda: len(self.names) >= len(names), _PATIENCE_S)
+            assert self._news.wait_for(lambda: len(self.names) >= len(names), PATIENCE_S)
             assert self.names == list(names)
 
     def wait_for_the_end(self) -> None:
         """Pass when the stream was ended by the service, as an answer ends."""
-        self.thread.join(_PATIENCE_S)
+        self.thread.join(PATIENCE_S)
         assert self.has_ended
 
 
@@ -151,7 +152,7 @@ def test_a_row_that_cannot_be_read_ends_no_streams_for_good(tmp_path: Path) -> N
         for problem, told in (("{", True), (None, False)):
             with closing(sqlite3.connect(settings.data_dir / "groundplan.sqlite3", timeout=30)) as raw, raw:
                 raw.execute("UPDATE jobs SET problem = ?, changed = changed + 1", [problem])
-            deadline = time.monotonic() + _PATIENCE_S
+            deadline = time.monotonic() + PATIENCE_S
             while told and "listeners could not be looked for" not in log.read_text():
                 assert time.monotonic() < deadline
                 time.sleep(0.1)
@@ -166,7 +167,7 @@ def test_a_key_revoked_in_another_process_ends_its_streams_and_no_other(settings
         admin = two.client(one.admin_key)
         made = ok(admin.post("/v1/keys", json={"name": "leaves", "role": "tablet"}), 201)
         leaves, stays = one.client(made["key"]), new_client(one, "tablet")
-        signed_in = httpx.Client(base_url=one.url, cookies={"groundplan_session": made["key"]})
+        signed_in = web.Client(base_url=one.url, cookies={"groundplan_session": made["key"]})
         theirs = [
             Heard(leaves, "/v1/events"),
             Heard(leaves, f"/v1/jobs/{job_id}/events"),
@@ -217,7 +218,7 @@ def test_a_key_has_so_many_streams_and_no_more(settings: Settings) -> None:
                 refused(other.get("/v1/events", headers={"Last-Event-ID": "x"}), 422, "invalid-request")
             with other.stream("GET", "/v1/events") as answer:
                 assert answer.status_code == 200
-        deadline = time.monotonic() + _PATIENCE_S
+        deadline = time.monotonic() + PATIENCE_S
         while _status(tablet) == 429 and time.monotonic() < deadline:
             time.sleep(0.1)
         assert _status(tablet) == 200, "a place is free again when its client has gone"
@@ -240,7 +241,7 @@ def test_streams_outlive_cut_connections(postgres_url: str, tmp_path: Path) -> N
                 "SELECT pg_terminate_backend(pid) FROM pg_stat_activity"
                 " WHERE datname = current_database() AND pid <> pg_backend_pid()"
             )
-        deadline = time.monotonic() + _PATIENCE_S
+        deadline = time.monotonic() + PATIENCE_S
         while (answer := admin.post(f"/v1/maps/{map_id}/revisions/1/publish", json={})).status_code == 503:
             assert time.monotonic() < deadline
         ok(answer)

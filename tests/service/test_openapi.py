@@ -7,11 +7,11 @@ import re
 from collections.abc import Iterator
 from typing import Any
 
-import httpx
 import pytest
 import schemathesis
 from hypothesis import HealthCheck, Phase, settings
 
+from tests import web
 from tests.server import Server
 from tests.service.asking import ok
 from tests.service.snapshot import SNAPSHOT, described
@@ -30,7 +30,7 @@ def test_the_document_is_the_snapshot() -> None:
 
 
 def test_the_service_gives_the_document(server: Server) -> None:
-    assert ok(httpx.get(f"{server.url}/openapi.json")) == DOCUMENT
+    assert ok(web.get(f"{server.url}/openapi.json")) == DOCUMENT
 
 
 def test_every_operation_is_described() -> None:

@@ -17,8 +17,9 @@ import pytest
 
 from service.domain.plain import plain
 from tests import files, poison
+from tests.patience import PATIENCE_S
 from tests.service.asking import ok
-from tests.service.desks import PATIENCE_S, Desk
+from tests.service.desks import Desk
 
 with tempfile.TemporaryDirectory() as _folder:
     DRAWINGS, SCANS = poison.drawings(Path(_folder)), poison.scans(Path(_folder))

@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from service.settings import Settings
+from tests import web
 from tests.server import Server, running, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -104,9 +105,9 @@ def test_a_poll_from_memory_is_what_the_database_would_say(pair: tuple[Server, S
     asked = {"If-None-Match": tag}
     named = admin.get(where, headers={**asked, "X-Request-Id": "poll-7"})
     assert (named.status_code, named.headers["x-request-id"]) == (304, "poll-7")
-    refused(httpx.get(server.url + where, headers=asked), 401, "unauthenticated")
+    refused(web.get(server.url + where, headers=asked), 401, "unauthenticated")
     wrong = {**asked, "Authorization": "Bearer gp_wrong"}
-    refused(httpx.get(server.url + where, headers=wrong), 401, "unauthenticated")
+    refused(web.get(server.url + where, headers=wrong), 401, "unauthenticated")
     refused(admin.get(where, params={"channel": "canary"}, headers=asked), 404, "nothing-published")
     stranger = ok(admin.post("/v1/keys", json={"name": "k", "role": "robot", "map_ids": [a_map(admin)]}), 201)
     refused(server.client(stranger["key"]).get(where, headers=asked), 404, "map-not-found")

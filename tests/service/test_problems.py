@@ -11,13 +11,14 @@ import pytest
 
 from service.api.problems import STATUSES, leaves, status_of
 from service.domain.errors import DomainError, Unfulfilled
+from tests import web
 from tests.server import Server
 from tests.service.asking import ok, refused
 from tests.service.snapshot import SNAPSHOT
 
 
 def test_every_refusal_has_a_page(server: Server) -> None:
-    with httpx.Client(base_url=server.url) as client:
+    with web.Client(base_url=server.url) as client:
         for leaf in leaves():
             answer = client.get(f"/problems/{leaf.slug()}")
             assert answer.status_code == 200, leaf
@@ -48,8 +49,8 @@ def test_what_is_not_there(server: Server, admin: httpx.Client) -> None:
         assert answer.status_code == 404, path
         assert answer.headers["content-type"] == "application/problem+json"
         assert answer.json()["status"] == 404
-    assert httpx.get(server.url + "/v1/maps%00").status_code == 422
-    assert httpx.get(server.url + "/v1/maps?q=%00").status_code == 422
+    assert web.get(server.url + "/v1/maps%00").status_code == 422
+    assert web.get(server.url + "/v1/maps?q=%00").status_code == 422
 
 
 def test_a_wrong_method_is_told_the_right_ones(admin: httpx.Client) -> None:
@@ -80,9 +81,9 @@ def test_head_is_get_without_its_body(admin: httpx.Client, server: Server) -> No
             assert head.headers["content-length"] == got.headers["content-length"], path
     assert len(streams) == 2
     for page in ("/", "/docs", "/tablet", "/problems/map-not-found", "/openapi.json"):
-        assert httpx.head(server.url + page).status_code == 200
-    assert httpx.head(server.url + "/v1/maps").status_code == 401
-    counted = httpx.get(server.url + "/metrics").text
+        assert web.head(server.url + page).status_code == 200
+    assert web.head(server.url + "/v1/maps").status_code == 401
+    counted = web.get(server.url + "/metrics").text
     assert re.search(r'method="HEAD".*route="/healthz"|route="/healthz".*method="HEAD"', counted)
 
 
@@ -147,12 +148,12 @@ def test_the_log_holds_no_secret(server: Server, admin: httpx.Client) -> None:
 
 @pytest.mark.parametrize("path", ["/healthz", "/readyz"])
 def test_the_service_says_how_it_is(server: Server, path: str) -> None:
-    assert ok(httpx.get(server.url + path))["status"] == "ok"
+    assert ok(web.get(server.url + path))["status"] == "ok"
 
 
 def test_metrics_count_requests_and_jobs(server: Server, admin: httpx.Client) -> None:
     ok(admin.get("/v1/maps"))
-    text = httpx.get(server.url + "/metrics").text
+    text = web.get(server.url + "/metrics").text
     assert 'groundplan_http_requests_total{method="GET",route="/v1/maps",status="200"}' in text
     assert 'groundplan_jobs{state="queued"} 0.0' in text
     assert "groundplan_queue_age_seconds 0.0" in text

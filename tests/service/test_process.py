@@ -17,6 +17,7 @@ import pytest
 
 from service.app import open_kernel
 from service.settings import Settings
+from tests import web
 from tests.commands import documented
 from tests.schemas import bring_to_head
 from tests.server import ROOT, Server, environment, running, start
@@ -52,7 +53,7 @@ def test_the_service_loads_nothing_heavy() -> None:
 
 
 def test_the_service_is_small_at_rest(server: Server) -> None:
-    ok(httpx.get(server.url + "/readyz"))
+    ok(web.get(server.url + "/readyz"))
     assert server.rss_bytes < 150 * MIB
 
 

@@ -5,10 +5,9 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
-import httpx
-
 from service.api.windows import MOST_KEYS, WINDOW_S, Windows
 from service.settings import Settings
+from tests import web
 from tests.front import fronted
 from tests.server import running
 from tests.service.asking import a_map, ok, refused
@@ -28,10 +27,10 @@ def test_a_key_is_refused_past_its_limit_and_no_other(tmp_path: Path) -> None:
         assert 1 <= int(answers[-1].headers["retry-after"]) <= 120
         assert answers[-1].headers["x-content-type-options"] == "nosniff"
         assert "content-security-policy" in answers[-1].headers
-        with httpx.Client(base_url=server.url, cookies={"groundplan_session": server.admin_key}) as browser:
+        with web.Client(base_url=server.url, cookies={"groundplan_session": server.admin_key}) as browser:
             assert browser.get("/v1/maps").status_code == 429
         assert other.get("/v1/maps").status_code == 200
-        without = httpx.get(f"{server.url}/healthz")
+        without = web.get(f"{server.url}/healthz")
         assert (without.status_code, without.headers.get("ratelimit")) == (200, None)
 
 
@@ -60,7 +59,7 @@ def test_no_spelling_of_a_key_is_counted_elsewhere(tmp_path: Path) -> None:
             told = []
             for n in range(22):
                 headers = [(name, value.format(key=key, tail=key[1:], n=n)) for name, value in spelling]
-                told.append(httpx.get(f"{server.url}/v1/maps", headers=headers).status_code)
+                told.append(web.get(f"{server.url}/v1/maps", headers=headers).status_code)
             assert told == [200] * 20 + [429] * 2, spelling
 
 

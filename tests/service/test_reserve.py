@@ -24,7 +24,7 @@ from service.storage.local import LocalBlobStore
 from service.storage.pieces import PieceStore
 from service.storage.room import Room, Space, tells_full_disk
 from service.usecases.bytes_first import bytes_first
-from tests import files
+from tests import files, web
 from tests.architecture.sources import ROOT
 from tests.server import Server, start
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
@@ -245,13 +245,13 @@ def test_no_byte_is_read_first(full: Installation, kind: str) -> None:
 
 
 def test_the_body_of_readiness_says_so(full: Installation) -> None:
-    body = ok(httpx.get(full.server.url + "/readyz"))
+    body = ok(web.get(full.server.url + "/readyz"))
     assert body["checks"]["storage"].startswith("storage-full: ")
     assert (body["checks"]["database"], body["checks"]["schema"]) == ("ok", "ok")
 
 
 def test_the_metrics_say_so(full: Installation) -> None:
-    said = httpx.get(full.server.url + "/metrics").text
+    said = web.get(full.server.url + "/metrics").text
     assert 'groundplan_storage_full{holds="data"} 1.0' in said
     assert f'groundplan_storage_reserve_bytes{{holds="data"}} {float(1 << 60)}' in said
     assert 'groundplan_storage_free_bytes{holds="data"}' in said

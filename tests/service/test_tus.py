@@ -20,7 +20,7 @@ import pytest
 from service.settings import Settings
 from service.storage.pieces import PieceStore
 from service.usecases.resumable_upload import sweep_uploads
-from tests import files
+from tests import files, web
 from tests.server import ClientFor, Server, new_client, running, start
 
 PLY = files.ply(files.room(200_000))
@@ -129,7 +129,7 @@ def scans(client: httpx.Client, map_id: str) -> list[dict[str, Any]]:
 
 
 def test_options_need_no_key(server: Server) -> None:
-    answer = httpx.options(f"{server.url}/v1/tus")
+    answer = web.options(f"{server.url}/v1/tus")
     assert answer.status_code == 204
     told = {name: answer.headers[name] for name in answer.headers if name.startswith("tus-")}
     assert told == {
@@ -263,7 +263,7 @@ def test_only_its_creator_and_an_admin_see_an_upload(
     problem(create(robot, map_id), 403, "forbidden")
     assert offset(admin, location) == 0
     problem(
-        httpx.patch(tablet.base_url.join(location), headers=PIECE | {"Upload-Offset": "0"}),
+        web.patch(tablet.base_url.join(location), headers=PIECE | {"Upload-Offset": "0"}),
         401,
         "unauthenticated",
     )

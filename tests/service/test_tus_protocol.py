@@ -10,7 +10,7 @@ import httpx
 import pytest
 
 from service.api.schemas.tus import EXTENSIONS
-from tests import files
+from tests import files, web
 from tests.server import ClientFor, Server
 
 PLY = files.ply(files.room(20_000))
@@ -151,7 +151,7 @@ def test_metadata_of_ours_is_still_required(tablet: httpx.Client, map_id: str) -
 def test_what_belongs_to_an_extension_not_offered_is_refused(
     server: Server, tablet: httpx.Client, map_id: str, header: str, value: str, extension: str
 ) -> None:
-    offered = httpx.options(f"{server.url}/v1/tus").headers["tus-extension"].split(",")
+    offered = web.options(f"{server.url}/v1/tus").headers["tus-extension"].split(",")
     assert extension not in offered
     before = uploads(server)
     told = problem(create(tablet, said(map_id), **{header: value}), 400, "tus-extension-not-offered")

@@ -11,7 +11,7 @@ from typing import Any
 import httpx
 import pytest
 
-from tests import files
+from tests import files, web
 from tests.server import ClientFor, Server
 
 PNG = files.png()
@@ -244,7 +244,9 @@ def test_a_key_sees_and_uploads_to_its_own_maps_only(
     problem(send_drawing(robot, map_id), 403, "forbidden")
     problem(send_drawing(tablet, "map_none"), 404, "map-not-found")
     problem(
-        httpx.post(f"{tablet.base_url}/v1/maps/{map_id}/scans", files={"file": b""}), 401, "unauthenticated"
+        web.post(f"{tablet.base_url}/v1/maps/{map_id}/scans", files={"file": b""}),
+        401,
+        "unauthenticated",
     )
 
 
@@ -317,7 +319,7 @@ def test_an_early_answer_reaches_a_client_that_is_sending(tablet: httpx.Client, 
 
 
 def test_the_form_is_documented(server: Server) -> None:
-    document = httpx.get(f"{server.url}/openapi.json").json()
+    document = web.get(f"{server.url}/openapi.json").json()
     for kind, fields in (
         ("drawings", {"file", "scale", "page"}),
         ("scans", {"file", "rough_pose", "up", "unit"}),

@@ -11,13 +11,12 @@ from typing import Any
 
 import httpx
 
+from tests.patience import PATIENCE_S
 from tests.server import ROOT, Server, environment
 from tests.service.asking import a_map, ok
 from tests.service.by_hand import ByHand
 from tests.service.fleets import soon
 from tests.worker.vehicle_messages import MAKER
-
-PATIENCE_S = 30.0
 
 
 def start_bridge(server: Server, port: int, log: Path, **more: str) -> subprocess.Popen[bytes]:

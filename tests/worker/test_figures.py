@@ -7,11 +7,11 @@ import socket
 import time
 from pathlib import Path
 
-import httpx
 import pytest
 
 from service.domain.lifecycle import JobState
 from service.settings import Settings
+from tests import web
 from tests.server import running
 from tests.worker.workbench import Workbench, a_small_drawing
 
@@ -26,7 +26,7 @@ def a_free_port() -> int:
 
 def _figures(port: int) -> dict[str, float]:
     """Return every sample by its name and labels."""
-    text = httpx.get(f"http://127.0.0.1:{port}/metrics").text
+    text = web.get(f"http://127.0.0.1:{port}/metrics").text
     return {name: float(value) for name, value in re.findall(r"^([^# ]\S*) (\S+)$", text, flags=re.MULTILINE)}
 
 
@@ -61,7 +61,7 @@ def test_the_service_has_a_port_for_its_metrics_alone(tmp_path: Path) -> None:
         told = _figures(port)
         assert told['groundplan_http_requests_total{method="GET",route="/v1/maps",status="200"}'] == 1.0
         assert told['groundplan_jobs{state="queued"}'] == 0.0
-        assert "items" not in httpx.get(f"http://127.0.0.1:{port}/v1/maps").text
+        assert "items" not in web.get(f"http://127.0.0.1:{port}/v1/maps").text
 
 
 def test_a_taken_port_is_told_in_one_line(tmp_path: Path) -> None:

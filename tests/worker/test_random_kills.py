@@ -17,6 +17,7 @@ from sqlalchemy import func, select
 
 from service.db.models import Drawing, Job, Revision
 from service.settings import Settings
+from tests.patience import PATIENCE_S
 from tests.server import start
 from tests.worker.conftest import DATABASES, url_of
 from tests.worker.test_worker_crashes import assert_whole
@@ -25,7 +26,6 @@ from tests.worker.workbench import Workbench, a_small_drawing, children_of, kill
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(1800)]
 
 VICTIMS = ("service", "worker", "warm child", "job")
-PATIENCE_S = 90.0
 
 
 class Installation:

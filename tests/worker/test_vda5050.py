@@ -12,10 +12,11 @@ from pydantic import SecretStr
 from vda5050.validation import SchemaValidator
 
 from service.settings import Settings
+from tests.patience import PATIENCE_S
 from tests.server import Server, running
 from tests.service.asking import refused
 from tests.service.fleets import soon
-from tests.worker.bridges import PATIENCE_S, Plant, bridging, packaged
+from tests.worker.bridges import Plant, bridging, packaged
 from tests.worker.vehicle_messages import MAKER
 from tests.worker.vehicles import (
     Overhearing,

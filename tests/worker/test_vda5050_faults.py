@@ -14,10 +14,11 @@ import pytest
 from pydantic import SecretStr
 
 from service.settings import Settings
+from tests.patience import PATIENCE_S
 from tests.server import Server, running
 from tests.service.asking import ok
 from tests.service.fleets import soon
-from tests.worker.bridges import PATIENCE_S, Plant, bridging, start_bridge
+from tests.worker.bridges import Plant, bridging, start_bridge
 from tests.worker.vehicles import Overhearing, PlainVehicle, mosquitto
 
 REPAIRED_S = 60.0

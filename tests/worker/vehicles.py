@@ -26,9 +26,8 @@ from vda5050.model.common import Action
 from vda5050.model.enums import ActionStatus, MapStatus
 from vda5050.model.state import Map
 
+from tests.patience import PATIENCE_S
 from tests.worker.vehicle_messages import MAKER, a_connection, a_message
-
-_START_S = 20.0
 
 
 class VehicleInTest(Protocol):
@@ -76,7 +75,7 @@ class PackageVehicle:
         self._wait(self.client.publish_state())
 
     def _wait(self, coroutine: Any) -> None:
-        asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout=_START_S)
+        asyncio.run_coroutine_threadsafe(coroutine, self._loop).result(timeout=PATIENCE_S)
 
     def maps(self) -> dict[str, str]:
         """Return the status of each version of the map that it has."""
@@ -229,7 +228,7 @@ def mosquitto(folder: Path) -> Iterator[int]:
     with (folder / "mosquitto.log").open("wb") as log:
         process = subprocess.Popen([program, "-c", str(settings)], stdout=log, stderr=log)
     try:
-        until = time.monotonic() + _START_S
+        until = time.monotonic() + PATIENCE_S
         while True:
             try:
                 socket.create_connection(("127.0.0.1", port), timeout=1).close()

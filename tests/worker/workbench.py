@@ -31,11 +31,11 @@ from service.usecases.compare import compare
 from service.usecases.deltas import ask_for_delta
 from service.usecases.kernel import Kernel
 from service.usecases.rebuild import rebuild
+from tests.patience import PATIENCE_S
 from tests.schemas import bring_to_head
 from worker.formats.pcd import write_pcd
 from worker.geometry.cloud.point_cloud import PointCloud
 
-PATIENCE_S = 60.0
 ROOT = Path(__file__).resolve().parents[2]
 
 
