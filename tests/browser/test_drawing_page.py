@@ -87,18 +87,20 @@ class Sheet:
 
     def go_to(self, at: At) -> None:
         """Move the sheet with the arrows until a place is in the middle, to a hundredth of the canvas."""
-        for share, (less, more) in zip(self._away(at), (("Left", "Right"), ("Up", "Down")), strict=True):
-            tens, ones = divmod(round(abs(share) * 100), 10)
-            arrow = f"Arrow{more if share > 0 else less}"
-            for key in [arrow] * tens + [f"Shift+{arrow}"] * ones:
-                self.page.keyboard.press(key)
         until = time.monotonic() + PATIENCE_S
         while max(abs(part) for part in self._away(at)) > _NEAR:
             assert time.monotonic() < until, self._away(at)
-            self.page.wait_for_timeout(50)
+            for share, (less, more) in zip(self._away(at), (("Left", "Right"), ("Up", "Down")), strict=True):
+                tens, ones = divmod(round(abs(share) * 100), 10)
+                arrow = f"Arrow{more if share > 0 else less}"
+                for key in [arrow] * tens + [f"Shift+{arrow}"] * ones:
+                    self.page.keyboard.press(key)
 
     def _away(self, at: At) -> At:
-        """Return how far a place is from the middle of the canvas, in shares of it."""
+        """Return how far a place is from the middle of the canvas, in shares of it, once that is drawn."""
+        self.page.evaluate(
+            "() => new Promise(done => requestAnimationFrame(() => requestAnimationFrame(done)))"
+        )
         box = self.canvas.bounding_box()
         assert box is not None
         x, y = self.on_page(at)

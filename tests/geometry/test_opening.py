@@ -29,7 +29,7 @@ def test_distances_and_a_kernel_agree_but_for_the_rim(rng: np.random.Generator, 
     assert found[core].mean() > 0.99
 
 
-@pytest.mark.parametrize("diameter", [opening._WIDEST_KERNEL, opening._WIDEST_KERNEL + 1])
+@pytest.mark.parametrize("diameter", [opening._WIDEST_DISC, opening._WIDEST_DISC + 1])
 @pytest.mark.parametrize("width", [-2, 2])
 def test_a_bar_stays_where_the_disc_fits_on_either_side_of_the_switch(diameter: int, width: int) -> None:
     mask = np.zeros((300, 400), dtype=np.bool_)

@@ -31,7 +31,7 @@ def _whole_way(server: Server) -> None:
     ]
     seen = [set(fleet.having(2))]
     for stage in (1, 2, 3):
-        for robot in seen[-1]:
+        for robot in seen[-1].difference(*seen[:-1]):
             assert fleet.rollout(rollout)["stage"] == stage - 1
             robot.say("enabled", 2)
         fleet.until(rollout, stage=stage)
