@@ -9,7 +9,7 @@ import pytest
 from service.domain.errors import NoWallsFound
 from tests.geometry.page_plans import CORNER, PAGE, a_page, a_plan, agreement
 from worker.formats.linework_draft import LineworkDraft, Pen
-from worker.geometry.drawing.linework.areas import entity_area
+from worker.geometry.drawing.linework.areas import entity_area, tangled_areas
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.page.reading import read_page
 from worker.geometry.drawing.page.sheet import draw_page
@@ -138,15 +138,30 @@ def test_a_hole_is_no_material() -> None:
     assert area.area == pytest.approx(0.1**2 * (40 * 30 - 36 * 26))
 
 
-def test_an_outline_that_crosses_itself_over_and_over_is_no_area() -> None:
-    def area(turns: int) -> object:
-        draft = LineworkDraft(PAGE, most=10_000)
-        angle = np.arange(301) * (2 * np.pi * turns / 301)
-        draft.add([(60 + 40 * np.cos(a), 60 + 40 * np.sin(a)) for a in angle], pen=Pen(filled=True))
-        return entity_area(draft.finish(page_mm_per_unit=1.0), 0, 0.1)
+def _turning(turns: int, *, points: int = 301, times: int = 1) -> Linework:
+    """Return one filled outline of `points` sides, 40 about its middle, that goes round so often."""
+    draft = LineworkDraft(PAGE, most=10_000)
+    angle = np.tile(np.arange(points) * (2 * np.pi * turns / points), times)
+    draft.add([(60 + 40 * np.cos(a), 60 + 40 * np.sin(a)) for a in angle], pen=Pen(filled=True))
+    return draft.finish(page_mm_per_unit=1.0)
 
-    assert area(1) is not None
-    assert area(150) is None  # every side crosses every other: 45,000 places
+
+@pytest.mark.parametrize(("turns", "times"), [(1, 1), (1, 2), (1, 5), (7, 1)])
+def test_an_outline_that_is_gone_round_again_or_crosses_itself_a_little_is_an_area(
+    turns: int, times: int
+) -> None:
+    page = _turning(turns, times=times)
+    area = entity_area(page, 0, 0.1)
+    assert area is not None
+    assert area.area == pytest.approx(16 * np.pi, rel=0.01)
+    assert tangled_areas(page) == []
+
+
+@pytest.mark.parametrize("turns", [9, 150])
+def test_an_outline_that_crosses_itself_over_and_over_is_no_area_and_is_told(turns: int) -> None:
+    page = _turning(turns)
+    assert entity_area(page, 0, 0.1) is None
+    assert [(one.code, one.members) for one in tangled_areas(page)] == [("areas-tangled", {"areas": 1})]
 
 
 def test_a_drawn_page_lies_where_its_strokes_are() -> None:

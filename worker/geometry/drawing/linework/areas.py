@@ -8,18 +8,19 @@ import numpy as np
 import shapely
 from numpy.typing import NDArray
 
+from service.domain.findings import Finding
 from worker.geometry.drawing.linework.linework import Linework
 
 _FEW, _AT_ONCE = 64, 128
-_MOST_OF_ONE, _MOST_OF_SEVERAL = 4.0, 16.0
-"""So often a side meets others: itself and its neighbours are 3, and squares of a raster meet 13 times."""
+_MOST_MEETINGS = 16.0
+"""So often a side meets others [sides a side]: itself and its neighbours are 3, squares of a raster 13."""
 
 
 def entity_area(linework: Linework, entity: int, unit: float) -> Any | None:
     """Return the area of a filled entity [m], holes left out, or None where it has none.
 
-    An outline that crosses itself over and over has none: N sides that all cross would make N^2 pieces, and
-    no wall is drawn so.
+    An outline that crosses itself over and over has none (`tangled_areas` tells of it): N sides that all
+    cross would make N^2 pieces.
     """
     low, high = np.searchsorted(linework.entity, [entity, entity + 1])
     ends = linework.ends[low:high] * unit
@@ -27,7 +28,7 @@ def entity_area(linework: Linework, entity: int, unit: float) -> Any | None:
         return None
     breaks = np.flatnonzero(np.abs(ends[1:, 0] - ends[:-1, 1]).max(axis=1) > 1e-6) + 1
     rings = [np.vstack([part[:, 0], part[-1:, 1]]) for part in np.split(ends, breaks) if len(part) >= 2]
-    if _is_tangled(ends, most=_MOST_OF_ONE if len(rings) == 1 else _MOST_OF_SEVERAL):
+    if _is_tangled(ends, most=_MOST_MEETINGS):
         return None
     if len(rings) == 1:
         area = shapely.make_valid(shapely.polygons(np.vstack([rings[0], rings[0][:1]])))
@@ -38,10 +39,28 @@ def entity_area(linework: Linework, entity: int, unit: float) -> Any | None:
     return shapely.union_all(parts) if parts else None
 
 
+def tangled_areas(linework: Linework) -> list[Finding]:
+    """Return the finding that filled outlines cross themselves so often that they were taken for no area."""
+    filled = np.flatnonzero(linework.filled & (linework.kind != "mask"))
+    first = np.searchsorted(linework.entity, [filled, filled + 1]).T
+    count = sum(_is_tangled(linework.ends[low:high], most=_MOST_MEETINGS) for low, high in first.tolist())
+    if not count:
+        return []
+    message = (
+        f"{count} filled outlines cross themselves over and over and were left out. Where walls are missing "
+        "for it, draw them by edits, or export the drawing again with simple outlines."
+    )
+    return [Finding("areas-tangled", "warning", message, {"areas": count})]
+
+
 def _is_tangled(ends: NDArray[np.float64], *, most: float) -> bool:
-    """Return whether (N, 2, 2) sides meet each other much oftener than those of an outline do."""
+    """Return whether the distinct ones of (N, 2, 2) sides meet much oftener than those of an outline do."""
     if len(ends) < _FEW:
         return False
+    turned = (ends[:, 0, 0] > ends[:, 1, 0]) | (
+        (ends[:, 0, 0] == ends[:, 1, 0]) & (ends[:, 0, 1] > ends[:, 1, 1])
+    )
+    ends = np.unique(np.where(turned[:, None, None], ends[:, ::-1], ends), axis=0)
     sides = shapely.linestrings(ends)
     tree = shapely.STRtree(sides)
     count = 0

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from scipy.spatial import cKDTree
 
 from service.domain.findings import Finding
-from worker.geometry.drawing.linework.areas import entity_area
+from worker.geometry.drawing.linework.areas import entity_area, tangled_areas
 from worker.geometry.drawing.linework.guess import guess_walls
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import pair_lines
@@ -298,4 +298,4 @@ def _remarks(linework: Linework, roles: Roles, found: _Found, *, guessed: bool) 
                 {"layers": names[:50], "strokes": columns},
             )
         )
-    return out
+    return [*out, *tangled_areas(linework)]

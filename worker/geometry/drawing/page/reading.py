@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from service.domain.errors import DrawingTooComplex, NoWallsFound
 from service.domain.findings import Finding
+from worker.geometry.drawing.linework.areas import tangled_areas
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.reading import read_linework
 from worker.geometry.drawing.linework.removed import source_layers
@@ -291,7 +292,7 @@ def _vector_reading(
         sheet=_size(linework, factor),
         scale=scale,
         style="filled" if material.is_filled else "outlined",
-        findings=(*linework.findings, finding),
+        findings=(*linework.findings, finding, *tangled_areas(linework)),
         layers=source_layers(linework, roles, factor) if any(linework.layer_names) else (),
     )
 
