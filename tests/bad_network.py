@@ -23,13 +23,14 @@ class BadNetwork:
         Of the service.
     rate : float
         Bytes a second that all connections together send to the service; it may be changed.
-    cut_every_s : float, optional
-        After so long a time all connections fall, again and again while bytes go through.
+    cut_every : int, optional
+        After so many bytes sent to the service all connections fall, again and again. Bytes and not seconds:
+        a file of more than so many meets a cut on a machine of any speed.
     """
 
-    def __init__(self, url: str, *, rate: float, cut_every_s: float | None = None) -> None:
+    def __init__(self, url: str, *, rate: float, cut_every: int | None = None) -> None:
         self._service = (str(urlsplit(url).hostname), int(urlsplit(url).port or 80))
-        self.rate, self._cut_every_s = rate, cut_every_s
+        self.rate, self._cut_every = rate, cut_every
         self._door = socket.create_server(("127.0.0.1", 0))
         self._lock = threading.Lock()
         self._lines: set[socket.socket] = set()
@@ -55,11 +56,6 @@ class BadNetwork:
             except OSError:
                 return
             threading.Thread(target=self._carry, args=(near,), daemon=True).start()
-
-    def cut_again_and_again(self) -> None:
-        """Cut every so often, counting only the time in which there are connections."""
-        while self._cut_every_s and not self._over.wait(self._cut_every_s):
-            self.cut()
 
     def close(self) -> None:
         """Let everything fall and accept no more."""
@@ -95,21 +91,21 @@ class BadNetwork:
 
     def _wait_for(self, size: int) -> None:
         with self._lock:
-            self.sent += size
+            before, self.sent = self.sent, self.sent + size
+        if self._cut_every and before // self._cut_every < self.sent // self._cut_every:
+            self.cut()
         if size > _PIECE * _TICK_S:
             time.sleep(size / self.rate)
 
 
 @contextlib.contextmanager
-def bad_network(url: str, *, rate: float, cut_every_s: float | None = None) -> Iterator[BadNetwork]:
+def bad_network(url: str, *, rate: float, cut_every: int | None = None) -> Iterator[BadNetwork]:
     """Give a slow and unreliable way to a service."""
-    network = BadNetwork(url, rate=rate, cut_every_s=cut_every_s)
-    threads = [threading.Thread(target=work) for work in (network.serve, network.cut_again_and_again)]
-    for thread in threads:
-        thread.start()
+    network = BadNetwork(url, rate=rate, cut_every=cut_every)
+    thread = threading.Thread(target=network.serve)
+    thread.start()
     try:
         yield network
     finally:
         network.close()
-        for thread in threads:
-            thread.join()
+        thread.join()
