@@ -12,7 +12,6 @@ from importlib.metadata import version
 
 import structlog
 from fastapi import FastAPI
-from sqlalchemy.exc import SQLAlchemyError
 from starlette.concurrency import run_in_threadpool
 from starlette.types import ASGIApp
 
@@ -54,7 +53,7 @@ from service.api.routes import problems as problem_pages
 from service.api.unchanged import Unchanged
 from service.db.blobs import has_blobs
 from service.db.schema import is_current
-from service.db.session import Database, open_engine
+from service.db.session import Database, SQLAlchemyError, open_engine
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError
 from service.settings import Settings

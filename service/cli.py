@@ -16,8 +16,6 @@ from typing import Any
 import uvicorn
 from fastapi import FastAPI
 from pydantic import ValidationError
-from sqlalchemy import make_url
-from sqlalchemy.exc import SQLAlchemyError
 
 from service import crash_points, logs
 from service.app import (
@@ -29,6 +27,7 @@ from service.app import (
     require_schema,
 )
 from service.db.schema import ReferencesBroken, upgrade, version
+from service.db.session import SQLAlchemyError
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
 from service.protocol import Http, headers_of_all_answers
@@ -78,8 +77,9 @@ def main(argv: list[str] | None = None) -> int:
     except (SchemaNotCurrent, BlobsMissing, ReferencesBroken, OSError, ValueError) as error:
         return _refuse(args, str(error))
     except SQLAlchemyError as error:
-        shown = make_url(settings.url()).render_as_string(hide_password=True)
-        return _refuse(args, f"the database {shown} cannot be used: {str(error).splitlines()[0]}")
+        return _refuse(
+            args, f"the database {settings.shown_url()} cannot be used: {str(error).splitlines()[0]}"
+        )
     return status
 
 

@@ -199,6 +199,10 @@ class Settings(BaseSettings):
             found["database"] = Path(url.database).parent
         return found
 
+    def shown_url(self) -> str:
+        """Return the database's URL for people, without its password."""
+        return make_url(self.url()).render_as_string(hide_password=True)
+
     def url(self) -> str:
         """Return the database's SQLAlchemy URL, with the password of its file."""
         if self.database_url is not None:

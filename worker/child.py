@@ -21,7 +21,6 @@ from pathlib import Path
 from typing import Any
 
 import structlog
-from sqlalchemy import text
 
 from service import crash_points, logs
 from service.db.jobs import Attempt, LeaseLost
@@ -145,8 +144,7 @@ def _take_stdout() -> int:
 def _kernel(settings: Settings) -> Kernel:
     """Return the kernel, proven to reach its database; no connection is left for a fork to share."""
     database = Database(open_engine(settings.url()))
-    with database.reading() as session:
-        session.execute(text("SELECT 1"))
+    database.prove()
     database.close()
     return Kernel(
         db=database,

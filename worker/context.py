@@ -12,11 +12,11 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from sqlalchemy import select
 
 from service import crash_points
 from service.db.jobs import Attempt
-from service.db.models import Layer, Placement, Revision, Scan
+from service.db.models import Revision, Scan
+from service.db.revisions import visible_layers
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError
 from service.domain.job_limits import JobLimits
@@ -206,16 +206,9 @@ class JobContext:
 
     def layer_sources(self, revision_id: str) -> list[LayerSource]:
         """Return what a revision's visible layers are made from, in their order."""
-        wanted = (
-            select(Layer, Scan, Placement)
-            .join(Scan, Scan.id == Layer.scan_id)
-            .join(Placement, Placement.id == Layer.placement_id)
-            .where(Layer.revision_id == revision_id, Layer.visible)
-            .order_by(Layer.position)
-        )
         with self.kernel.db.reading() as session:
             erased = erased_of(session.get_one(Revision, revision_id))
-            rows = session.execute(wanted).all()
+            rows = visible_layers(session, revision_id)
         return [
             LayerSource(
                 layer_id=layer.layer_id,

@@ -16,11 +16,11 @@ from pathlib import Path
 from typing import Any
 
 import structlog
-from sqlalchemy.orm import Session
 
 from service.db import jobs, waiting
 from service.db.delivery import Delivery
 from service.db.jobs import Attempt, LeaseLost
+from service.db.session import Session
 from service.domain.errors import DatabaseBusy, DomainError, StorageFull, Unavailable
 from service.domain.job_limits import JobLimits, Limits, Usage
 from service.domain.lifecycle import MOST_FULL_TRIES, room_wait_s

@@ -21,12 +21,12 @@ import anyio
 import structlog
 from fastapi import Depends, Request
 from fastapi.responses import StreamingResponse
-from sqlalchemy.exc import SQLAlchemyError
 from starlette.types import Receive, Scope, Send
 
 from service.api.schemas.jobs import JobOut
 from service.db.changes import open_changes
 from service.db.models import Job
+from service.db.session import SQLAlchemyError
 from service.domain.access import Actor
 from service.domain.errors import DomainError, TooManyStreams
 from service.domain.lifecycle import JobState

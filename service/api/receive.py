@@ -7,12 +7,12 @@ from dataclasses import dataclass
 from typing import Annotated, TypeVar
 
 from fastapi import Depends, Request, Response
-from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import TabletActor
 from service.api.bodies import ReceivedForm, form_identity, received_file, received_form
 from service.api.deps import IdempotencyKey, KernelDep, Limits, LimitsDep, respond
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.media import Purpose
 from service.usecases.answer import Answered, answer_once

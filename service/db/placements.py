@@ -8,6 +8,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from service.db.models import Placement
+from service.db.narrowing import Narrowing, narrowed
 
 
 def find_placement(session: Session, placement_id: str) -> Placement | None:
@@ -19,6 +20,11 @@ def find_placements(session: Session, placement_ids: Collection[str]) -> dict[st
     """Return those of the ids that are placements, by id."""
     rows = session.scalars(select(Placement).where(Placement.id.in_(placement_ids)))
     return {row.id: row for row in rows}
+
+
+def narrowed_placements(session: Session, wanted: Narrowing) -> Sequence[Placement]:
+    """Return the placements that are wanted."""
+    return session.scalars(narrowed(select(Placement), Placement, wanted, prefix="plc")).all()
 
 
 def list_placements(session: Session, scan_id: str, *, before: str | None, limit: int) -> Sequence[Placement]:

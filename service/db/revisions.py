@@ -7,13 +7,27 @@ from collections.abc import Collection, Sequence
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from service.db.models import Artifact, Blob, Channel, Layer, Map, Publication, Revision
+from service.db.models import Artifact, Blob, Channel, Layer, Map, Placement, Publication, Revision, Scan
+from service.db.narrowing import Narrowing, narrowed
 from service.domain.lifecycle import RevisionStatus
+
+PlacedRow = tuple[Layer, Scan, Placement]
+"""A layer with its scan and its placement."""
 
 
 def find_revision(session: Session, map_id: str, *, n: int) -> Revision | None:
     """Return revision `n` of a map, or None."""
     return session.scalars(select(Revision).where(Revision.map_id == map_id, Revision.n == n)).one_or_none()
+
+
+def lock_revision(session: Session, revision_id: str) -> Revision:
+    """Return the revision with this id; no other transaction changes it meanwhile."""
+    return session.get_one(Revision, revision_id, with_for_update=True, populate_existing=True)
+
+
+def narrowed_revisions(session: Session, wanted: Narrowing) -> Sequence[Revision]:
+    """Return the revisions that are wanted."""
+    return session.scalars(narrowed(select(Revision), Revision, wanted, prefix="rev")).all()
 
 
 def latest_revision(session: Session, map_id: str, *, status: RevisionStatus) -> Revision | None:
@@ -72,6 +86,18 @@ def layers_of(session: Session, revision_ids: Sequence[str]) -> dict[str, list[L
     for layer in session.scalars(query):
         found[layer.revision_id].append(layer)
     return found
+
+
+def visible_layers(session: Session, revision_id: str) -> Sequence[PlacedRow]:
+    """Return the visible layers of a revision in their order, each with its scan and its placement."""
+    query = (
+        select(Layer, Scan, Placement)
+        .join(Scan, Scan.id == Layer.scan_id)
+        .join(Placement, Placement.id == Layer.placement_id)
+        .where(Layer.revision_id == revision_id, Layer.visible)
+        .order_by(Layer.position)
+    )
+    return [(row[0], row[1], row[2]) for row in session.execute(query)]
 
 
 def list_artifacts(

@@ -1,4 +1,7 @@
-"""Engines and transactions, the same on SQLite and PostgreSQL."""
+"""Engines and transactions, the same on SQLite and PostgreSQL.
+
+Whoever takes part in a transaction has `Session` from here: nothing outside this package knows SQLAlchemy.
+"""
 
 from __future__ import annotations
 
@@ -9,14 +12,16 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy import URL, Engine, create_engine, event, make_url
-from sqlalchemy.exc import OperationalError
+from sqlalchemy import URL, Engine, create_engine, event, make_url, text
+from sqlalchemy.exc import OperationalError, SQLAlchemyError
 from sqlalchemy.exc import TimeoutError as PoolTimeout
 from sqlalchemy.orm import Session
 
 from service import crash_points
 from service.domain.errors import DatabaseBusy, StorageFull, Unavailable
 from service.domain.plain import plain_dumps, plain_loads, plain_text
+
+__all__ = ["Database", "SQLAlchemyError", "Session", "open_engine"]
 
 _BUSY_TIMEOUT_S = 15.0
 _FULL_RETRY_AFTER_S = 60
@@ -161,6 +166,17 @@ class Database:
                 yield session
         except (OperationalError, PoolTimeout) as error:
             raise _unavailable(error, self.engine) from error
+
+    def prove(self) -> None:
+        """Ask the database for nothing, so that one which cannot be used is known now.
+
+        Raises
+        ------
+        DatabaseBusy
+            If the database gave no connection in time.
+        """
+        with self.reading() as session:
+            session.execute(text("SELECT 1"))
 
     def close(self) -> None:
         """Close every connection."""

@@ -2,10 +2,9 @@
 
 from __future__ import annotations
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.models import Placement, Revision
+from service.db.session import Session
 from service.db.uploads import find_scan_row
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable

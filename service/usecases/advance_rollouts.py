@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from datetime import timedelta
 from enum import StrEnum
 
-from sqlalchemy.orm import Session
-
 from service.db import rollouts as table
 from service.db.models import Publication
 from service.db.revisions import find_channel, move_pointer
 from service.db.robots import Robot
 from service.db.rollouts import Rollout
+from service.db.session import Session
 from service.domain.rollout import RolloutState, RolloutStepKind
 from service.domain.webhook import EventKind
 from service.usecases.events import emit, tell_published

@@ -6,10 +6,9 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from datetime import timedelta
 
-from sqlalchemy.orm import Session
-
 from service.db.answers import drop_answer, drop_answers, find_answer, reserve_answer
 from service.db.models import Answer
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import IdempotencyKeyBusy, IdempotencyKeyReused
 from service.usecases.kernel import Kernel

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.audit import AuditEntry, AuditFilter, add_entry
 from service.db.audit import list_entries as listed
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import Role
 from service.usecases.kernel import Kernel

@@ -6,13 +6,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.comparisons import Comparison, find_comparison
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.maps import find_map
 from service.db.models import Job, Revision
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound
 from service.domain.lifecycle import JobKind

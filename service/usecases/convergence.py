@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db.models import Channel
 from service.db.revisions import channels_of
 from service.db.robots import RobotGroup, count_robots
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import Role
 

@@ -6,14 +6,13 @@ import hashlib
 from contextlib import suppress
 from pathlib import Path
 
-from sqlalchemy.orm import Session
-
 from service.db.blobs import blob_size, record_blob
 from service.db.deltas import Delta, find_delta, is_cloud_of, is_wanted_cloud, waiting_deltas
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.maps import find_map
 from service.db.revisions import find_artifact, find_revision
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.dictionary import is_window_taken
 from service.domain.errors import (

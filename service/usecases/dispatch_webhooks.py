@@ -5,10 +5,9 @@ from __future__ import annotations
 import json
 from datetime import timedelta
 
-from sqlalchemy.orm import Session
-
 from service.db import webhooks as table
 from service.db.jobs import enqueue
+from service.db.session import Session
 from service.db.webhooks import Webhook, WebhookDelivery, WebhookEvent
 from service.domain.lifecycle import JobKind
 from service.domain.webhook import DeliveryState

@@ -5,10 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 from pathlib import Path
 
-from sqlalchemy.orm import Session
-
 from service.db.models import Artifact
 from service.db.revisions import find_artifact, find_blob
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound
 from service.usecases.kernel import Kernel

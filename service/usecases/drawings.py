@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Callable, Sequence
 
-from sqlalchemy.orm import Session
-
 from service.db import uploads as table
 from service.db.jobs import enqueue, request_cancel
 from service.db.models import Drawing, Job
+from service.db.session import Session
 from service.db.uploads import DrawingRow
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.models import Publication
+from service.db.session import Session
 from service.db.webhooks import add_event
 from service.domain.webhook import EventKind
 from service.usecases.kernel import Kernel

@@ -4,14 +4,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db.blobs import record_blob
 from service.db.exports import Export, find_export
 from service.db.job_lists import find_job
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.models import Job
 from service.db.revisions import find_artifact
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound, ExportNotReady
 from service.domain.lifecycle import ExportFormat, JobKind, JobState

@@ -8,11 +8,10 @@ from datetime import UTC, datetime, timedelta
 from enum import StrEnum
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import fleet_events as table
 from service.db.models import Publication
 from service.db.robots import RobotReport
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest
 from service.domain.ids import first_id_at, made_at

@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy.orm import Session
-
 from service.db import job_lists
 from service.db.jobs import request_cancel, retry
 from service.db.models import Job
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import JobNotFound
 from service.domain.lifecycle import Role

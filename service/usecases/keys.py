@@ -9,11 +9,10 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 
-from sqlalchemy.orm import Session
-
 from service.db import keys as table
 from service.db.maps import find_maps
 from service.db.models import Key
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, KeyNotFound, LastAdminKey, MapNotFound, Unauthenticated
 from service.domain.lifecycle import Role

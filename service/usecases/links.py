@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from urllib.parse import quote
 
-from sqlalchemy.orm import Session
-
 from service.db.keys import find_key
 from service.db.models import Key
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import LinkNotValid
 from service.domain.lifecycle import Role

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.models import Layer, Placement, Revision
 from service.db.placements import find_placements
+from service.db.session import Session
 from service.db.uploads import find_drawing
 from service.domain.errors import DrawingNotFound, DrawingNotRead, ScaleUnknown
 from service.domain.map_state import BaseReading, ErasedRegion, LayerState, MapState, pose_of

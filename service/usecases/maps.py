@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqlalchemy.orm import Session
-
 from service.db import maps as table
 from service.db.models import Map
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import MapNameTaken, MapNotFound
 from service.domain.lifecycle import Role

@@ -4,11 +4,10 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as revision_table
 from service.db.jobs import enqueue
 from service.db.models import Job, Placement, Scan
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotReady, ScanNotRead
 from service.domain.lifecycle import JobKind, RevisionStatus, Role

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqlalchemy.orm import Session
-
 from service.db import placements as table
 from service.db.models import Placement
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable, PlacementNotFound
 from service.usecases.scans import covered_scan

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.models import Placement
 from service.db.placements import find_placements
+from service.db.session import Session
 from service.domain.errors import InvalidRequest, PlacementNotFound
 from service.domain.layer_part import LayerPart
 from service.domain.map_state import LayerState, MapState, pose_of

@@ -7,12 +7,11 @@ from dataclasses import dataclass
 from datetime import datetime
 from typing import NamedTuple
 
-from sqlalchemy.orm import Session
-
 from service.db.keys import find_by_digest
 from service.db.models import Channel
 from service.db.polling import find_channels, valid_digests
 from service.db.robots import find_robot_of_key
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import Role
 from service.usecases.keys import authenticate, secret_digest

@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import proposals as table
 from service.db import revisions as revision_table
 from service.db.models import Placement
 from service.db.proposals import Proposal
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import LayerNotFound, ProposalDecided, ProposalNotFound
 from service.domain.lifecycle import ProposalState, Role

@@ -6,11 +6,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.models import Artifact, Channel, Drawing, Publication, Revision
 from service.db.placements import find_placements
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import GatesClosed, NothingPublished, PointerMoved
 from service.domain.gates import Gate, JudgedLayer, closed_gates

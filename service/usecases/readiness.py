@@ -2,9 +2,8 @@
 
 from __future__ import annotations
 
-from sqlalchemy.exc import SQLAlchemyError
-
 from service.db.schema import is_current
+from service.db.session import SQLAlchemyError
 from service.domain.errors import DomainError, NotReady, StorageFull
 from service.usecases.kernel import Kernel
 

@@ -5,12 +5,10 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Mapping
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.jobs import Attempt, enqueue, finish_succeeded
 from service.db.models import Job, Revision
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import RebuiltDifferently, RevisionNotReady
 from service.domain.lifecycle import JobKind, RevisionStatus, Role
@@ -75,9 +73,7 @@ def record_rebuild(
         If the job is no longer this attempt's: nothing is recorded.
     """
     now = kernel.now()
-    revision = session.scalars(
-        select(Revision).where(Revision.id == attempt.subject_id).with_for_update()
-    ).one()
+    revision = table.lock_revision(session, attempt.subject_id)
     _require_same(session, revision, files, version)
     finish_succeeded(session, attempt, now=now)
     if revision.pruned_at is not None:

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db.jobs import enqueue
 from service.db.models import Drawing, Job
+from service.db.session import Session
 from service.db.uploads import find_drawing
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db.blobs import record_blob
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import Role
 from service.usecases.kernel import Kernel

@@ -4,10 +4,9 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db.jobs import enqueue
 from service.db.models import Job, Scan
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import JobKind
 from service.domain.scan_options import SaidOfScan

@@ -7,10 +7,9 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import webhooks as table
 from service.db.jobs import Attempt, finish_succeeded
+from service.db.session import Session
 from service.db.webhooks import Webhook, WebhookDelivery
 from service.domain.webhook import MAX_TRIES, DeliveryState, back_off_s
 from service.usecases.kernel import Kernel

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from pathlib import PurePosixPath
 
-from sqlalchemy.orm import Session
-
 from service.db.blobs import record_blob
 from service.db.models import Artifact
+from service.db.session import Session
 from service.storage.blobs import Stored
 from service.usecases.kernel import Kernel
 

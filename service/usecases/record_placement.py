@@ -6,10 +6,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.jobs import Attempt, finish_succeeded
 from service.db.models import Placement
+from service.db.session import Session
 from service.domain.webhook import EventKind
 from service.storage.blobs import Stored
 from service.usecases.events import emit

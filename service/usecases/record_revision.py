@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy import select
-from sqlalchemy.orm import Session
-
 from service.db.jobs import Attempt, LeaseLost, finish_succeeded
 from service.db.models import Revision
+from service.db.revisions import lock_revision
+from service.db.session import Session
 from service.domain.lifecycle import RevisionStatus
 from service.domain.webhook import EventKind
 from service.storage.blobs import Stored
@@ -49,8 +48,7 @@ def record_revision(
     now = kernel.now()
     finish_succeeded(session, attempt, now=now)
     record_files(kernel, session, files)
-    wanted = select(Revision).where(Revision.id == attempt.subject_id).with_for_update()
-    revision = session.scalars(wanted).one()
+    revision = lock_revision(session, attempt.subject_id)
     if revision.job_id != attempt.job_id or revision.status != RevisionStatus.BUILDING:
         raise LeaseLost(attempt.job_id)
     revision.status, revision.report, revision.ended_at = RevisionStatus.READY.value, report, now

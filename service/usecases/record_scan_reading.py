@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db.jobs import Attempt, finish_succeeded
 from service.db.models import Scan
+from service.db.session import Session
 from service.storage.blobs import Stored
 from service.usecases.kernel import Kernel
 from service.usecases.record_files import record_files

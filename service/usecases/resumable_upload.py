@@ -9,10 +9,9 @@ from datetime import timedelta
 from pathlib import Path
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import uploads as table
 from service.db.models import Upload
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions

@@ -6,12 +6,11 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.jobs import enqueue
 from service.db.models import Job, Revision
 from service.db.proposals import open_proposals
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotFound, StaleBase
 from service.domain.lifecycle import JobKind, ProposalState, RevisionStatus, Role

@@ -5,10 +5,9 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db import revisions as table
 from service.db.models import Artifact, Layer, Revision
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RevisionNotReady, RevisionPruned
 from service.domain.lifecycle import RevisionStatus

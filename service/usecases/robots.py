@@ -6,10 +6,9 @@ from collections.abc import Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import StrEnum
 
-from sqlalchemy.orm import Session
-
 from service.db import robots as table
 from service.db.robots import Robot, RobotFilter, RobotGroup, RobotReport
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import RevisionNotFound, RobotNotFound, VehicleTaken
 from service.domain.lifecycle import RobotState, Role

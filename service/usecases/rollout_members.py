@@ -2,11 +2,10 @@
 
 from __future__ import annotations
 
-from sqlalchemy.orm import Session
-
 from service.db import rollouts as table
 from service.db.robots import Robot
 from service.db.rollouts import Rollout
+from service.db.session import Session
 from service.domain.errors import RolloutUnderWay
 from service.domain.rollout import RolloutState, Stage, bound_of, takes
 

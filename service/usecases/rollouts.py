@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from sqlalchemy.orm import Session
-
 from service.db import rollouts as table
 from service.db.robots import Robot, RobotFilter
 from service.db.rollouts import Figures, Rollout, RolloutStep
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RolloutNotFound, RolloutNotInState
 from service.domain.ids import new_id

@@ -4,9 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from sqlalchemy.orm import Session
-
 from service.db import uploads as table
+from service.db.session import Session
 from service.db.uploads import ScanRow
 from service.domain.access import Actor
 from service.domain.errors import ArtifactNotFound, ScanNotFound

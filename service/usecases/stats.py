@@ -9,13 +9,12 @@ from dataclasses import dataclass
 from datetime import datetime, timedelta
 from typing import Generic, TypeVar
 
-from sqlalchemy.orm import Session
-
 from service.db import stats as table
 from service.db.models import Revision
 from service.db.revisions import latest_revisions
 from service.db.series import Bucket, Counted, Point
 from service.db.series import series as counted
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest
 from service.domain.lifecycle import Role

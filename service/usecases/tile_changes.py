@@ -7,8 +7,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from sqlalchemy.orm import Session
-
+from service.db.session import Session
 from service.domain.access import Actor
 from service.usecases.download import artifact_file
 from service.usecases.kernel import Kernel

@@ -8,9 +8,8 @@ from dataclasses import dataclass
 from datetime import timedelta
 from urllib.parse import urlsplit
 
-from sqlalchemy.orm import Session
-
 from service.db import webhooks as table
+from service.db.session import Session
 from service.db.webhooks import Webhook, WebhookDelivery
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, WebhookNotFound

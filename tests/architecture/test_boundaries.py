@@ -26,6 +26,22 @@ NUMERICAL_STACK = (
 )
 NO_PLACE = {"utils", "util", "helpers", "helper", "common", "misc", "shared", "tools", "stuff"}
 
+STATEMENTS = {
+    "exec_driver_sql",
+    "execute",
+    "order_by",
+    "query",
+    "scalar",
+    "scalars",
+    "stream_scalars",
+    "where",
+    "with_for_update",
+}
+"""The contract `sql-in-one-place` sees who imports SQLAlchemy; this, who is handed a query or a session."""
+
+KNOW_NO_SESSION = ("service/db/", "worker/geometry/", "worker/formats/")
+"""Where such names mean SQL and may, and where (contract `pure-geometry`) they mean trees of points."""
+
 MAX_FILE_LINES = 400
 MAX_FUNCTION_LINES = 60
 LONG_FILES: dict[str, str] = {
@@ -65,6 +81,40 @@ def _imported(tree: ast.Module) -> list[str]:
         elif isinstance(node, ast.ImportFrom):
             found.append(node.module or "service")
     return found
+
+
+def test_statements_are_made_and_run_in_service_db_alone() -> None:
+    elsewhere = {
+        f"{path}:{line}"
+        for path, tree in trees().items()
+        if not path.startswith(KNOW_NO_SESSION)
+        for line in _statements(tree)
+    }
+    assert elsewhere == set()
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "session.query(Map)",
+        "session.scalars(wanted)",
+        "drawing_rows().where(Drawing.id == drawing_id)",
+        "with kernel.db.reading() as session:\n    session.execute(wanted).all()",
+    ],
+)
+def test_a_statement_elsewhere_would_be_found(code: str) -> None:
+    assert len(_statements(ast.parse(code))) == 1
+    assert _statements(ast.parse("np.where(a > 0, a, b); session.get_one(Map, map_id)")) == []
+
+
+def _statements(tree: ast.Module) -> list[int]:
+    """Return the lines that make or run a statement, `get` and `get_one` of one row by its key left out."""
+    return [
+        node.lineno
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute)
+        if node.func.attr in STATEMENTS and ast.unparse(node.func.value) != "np"
+    ]
 
 
 def test_the_service_loads_none_of_the_numerical_stack() -> None:

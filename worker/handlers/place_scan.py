@@ -7,9 +7,9 @@ from dataclasses import asdict, dataclass
 from typing import Any
 
 import numpy as np
-from sqlalchemy import select
 
-from service.db.models import Artifact, Placement, Revision, Scan
+from service.db.models import Placement, Scan
+from service.db.revisions import find_artifact, find_revision
 from service.domain.acceptance import judge
 from service.domain.errors import RevisionNotReady
 from service.domain.recipe import Recipe
@@ -75,9 +75,9 @@ def _asked(context: JobContext) -> _Asked:
     with context.kernel.db.reading() as session:
         placement = session.get_one(Placement, context.attempt.subject_id)
         scan = session.get_one(Scan, placement.scan_id)
-        on = Revision.map_id == placement.map_id, Revision.n == placement.revision_n
-        revision = session.scalars(select(Revision).where(*on)).one()
-        walls = session.get(Artifact, (revision.id, "walls.geojson"))
+        revision = find_revision(session, placement.map_id, n=placement.revision_n)
+        assert revision is not None
+        walls = find_artifact(session, revision.id, path="walls.geojson")
         if walls is None:
             raise RevisionNotReady(f"Revision {revision.n} is {revision.status}.", status=revision.status)
         return _Asked(

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import structlog
-from sqlalchemy.orm import Session
 
 from service.db.robots import Robot, list_vehicles
 from service.db.robots import Vehicle as Enrolled
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import DomainError, Unavailable
 from service.domain.lifecycle import RobotState, Role

@@ -6,7 +6,6 @@ import functools
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AnyActor, TabletActor
 from service.api.bodies import UNLIMITED
@@ -17,6 +16,7 @@ from service.api.receive import SendingDep, receive
 from service.api.schemas.base import Page
 from service.api.schemas.drawing_form import FORM
 from service.api.schemas.drawings import DrawingAccepted, DrawingOut, DrawingPatch
+from service.db.session import Session
 from service.domain.drawing_options import DrawingOptions
 from service.domain.media import Purpose
 from service.usecases.answer import Answered

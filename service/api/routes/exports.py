@@ -5,12 +5,12 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AnyActor, TabletActor
 from service.api.deps import BaseUrl, KernelDep, MapId, Once, RevisionN, answered, respond
 from service.api.downloads import DOCUMENTED, IMMUTABLE, send_file
 from service.api.schemas.exports import AskedExportOut, ExportIn
+from service.db.session import Session
 from service.domain.lifecycle import ExportFormat
 from service.usecases.answer import Answered, answer_once
 from service.usecases.exports import ask_for_export, export_file

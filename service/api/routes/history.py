@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Request, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, AnyActor, TabletActor
 from service.api.deps import BaseUrl, KernelDep, MapId, Once, RevisionN, answered, respond
@@ -22,6 +21,7 @@ from service.api.schemas.history import (
 )
 from service.api.schemas.jobs import JobOut
 from service.api.schemas.revisions import Channel
+from service.db.session import Session
 from service.usecases import compare, publish, rebuild
 from service.usecases.answer import Answered, answer_once
 

@@ -7,7 +7,6 @@ from functools import partial
 from typing import Annotated, Any
 
 from fastapi import APIRouter, Header, Path, Query, Response
-from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from service.api.auth import TabletActor
@@ -17,6 +16,7 @@ from service.api.schemas.base import Page
 from service.api.schemas.jobs import JobOut
 from service.api.searching import SearchDep
 from service.db.models import Job
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import JobKind, JobState
 from service.usecases import jobs

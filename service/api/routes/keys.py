@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, Presented
 from service.api.deps import KernelDep, Once, answered, respond
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.keys import KeyIn, KeyOut, NewKeyOut
+from service.db.session import Session
 from service.usecases import keys
 from service.usecases.answer import Answered, answer_once
 

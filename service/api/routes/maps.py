@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, AnyActor
 from service.api.deps import KernelDep, MapId, Once, answered, respond
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.maps import MapIn, MapOut, MapPatch
+from service.db.session import Session
 from service.usecases import maps
 from service.usecases.answer import Answered, answer_once
 

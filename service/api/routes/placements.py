@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import TabletActor
 from service.api.deps import BaseUrl, KernelDep, Once, answered, respond
@@ -13,6 +12,7 @@ from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.placements import AcceptIn, PlacementIn, PlacementOut, PlacementWithJob
 from service.api.schemas.revisions import RevisionWithJob
+from service.db.session import Session
 from service.usecases import placements
 from service.usecases.accept_placement import accept_placement
 from service.usecases.answer import Answered, answer_once

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import TabletActor
 from service.api.deps import BaseUrl, KernelDep, MapId, Once, answered, respond
@@ -13,6 +12,7 @@ from service.api.paging import Paging, PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.proposals import ProposalOut
 from service.api.schemas.revisions import RevisionWithJob
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.lifecycle import ProposalState
 from service.usecases import proposals

@@ -6,7 +6,6 @@ from functools import partial
 from typing import Annotated
 
 from fastapi import APIRouter, Header, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, AnyActor, TabletActor
 from service.api.conditions import match
@@ -21,6 +20,7 @@ from service.api.schemas.revisions import (
     RevisionOut,
     RevisionWithJob,
 )
+from service.db.session import Session
 from service.domain.lifecycle import RevisionStatus
 from service.usecases import publish, revisions
 from service.usecases.answer import Answered, answer_once

@@ -5,7 +5,6 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, AnyActor, Presented, TabletActor
 from service.api.deps import KernelDep, Once, answered, respond
@@ -22,6 +21,7 @@ from service.api.schemas.robots import (
     RobotOut,
 )
 from service.db.robots import RobotFilter
+from service.db.session import Session
 from service.usecases import robots
 from service.usecases.answer import Answered, answer_once
 from service.usecases.keys import derived_secret

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor, TabletActor
 from service.api.deps import KernelDep, MapId, Once, answered, respond
@@ -15,6 +14,7 @@ from service.api.schemas.base import Page
 from service.api.schemas.revisions import Channel
 from service.api.schemas.robots import RobotOut
 from service.api.schemas.rollouts import RolloutIn, RolloutOut
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.rollout import RolloutState
 from service.usecases import rollouts

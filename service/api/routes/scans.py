@@ -6,7 +6,6 @@ import functools
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Request, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AnyActor
 from service.api.bodies import UNLIMITED
@@ -16,6 +15,7 @@ from service.api.paging import PagingDep
 from service.api.receive import SendingDep, receive
 from service.api.schemas.base import Page
 from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
+from service.db.session import Session
 from service.domain.media import Purpose
 from service.domain.scan_options import SaidOfScan
 from service.usecases.answer import Answered

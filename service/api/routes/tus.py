@@ -10,7 +10,6 @@ from typing import Annotated, Any
 
 from fastapi import APIRouter, Depends, Header, Request, Response
 from fastapi.routing import APIRoute
-from sqlalchemy.orm import Session
 from starlette.concurrency import run_in_threadpool
 
 from service.api import problems
@@ -27,6 +26,7 @@ from service.api.schemas.tus import (
     require_offered,
 )
 from service.db.models import Upload
+from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.checksum import ALGORITHMS, Checksum
 from service.domain.errors import (

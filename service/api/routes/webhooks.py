@@ -5,13 +5,13 @@ from __future__ import annotations
 from typing import Annotated
 
 from fastapi import APIRouter, Path, Query, Response
-from sqlalchemy.orm import Session
 
 from service.api.auth import AdminActor
 from service.api.deps import KernelDep, LimitsDep, Once, answered, respond
 from service.api.paging import PagingDep
 from service.api.schemas.base import Page
 from service.api.schemas.webhooks import DeliveryOut, WebhookIn, WebhookOut, WebhookSecretOut
+from service.db.session import Session
 from service.domain.webhook import DeliveryState
 from service.usecases import webhooks
 from service.usecases.answer import Answered, answer_once
