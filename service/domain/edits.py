@@ -6,7 +6,7 @@ import math
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, ClassVar
+from typing import Any, ClassVar, Literal, get_args
 
 from service.domain.errors import InvalidRequest
 
@@ -14,7 +14,7 @@ MAX_EDITS = 500
 MAX_VERTICES = 1_000
 MAX_STROKES = 1_000
 MAX_THICKNESS_M = 10.0
-LAYERS = (
+Layer = Literal[
     "wall",
     "column",
     "door",
@@ -32,7 +32,8 @@ LAYERS = (
     "light-pen",
     "small",
     "other",
-)
+]
+LAYERS: tuple[Layer, ...] = get_args(Layer)
 """The layers of a reading; `wall` is what a map is made of, the others are set aside."""
 
 _MAX_NUMBER = 1e12
@@ -58,10 +59,10 @@ class Move:
     """
 
     action: ClassVar[str] = "move"
-    to: str
+    to: Layer
     strokes: tuple[str, ...] = ()
     within: tuple[Point, ...] = ()
-    of: tuple[str, ...] = ()
+    of: tuple[Layer, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -202,7 +203,7 @@ def _ids(value: object, pointer: str) -> tuple[str, ...]:
     return tuple(value)
 
 
-def _layers(value: object, pointer: str) -> tuple[str, ...]:
+def _layers(value: object, pointer: str) -> tuple[Layer, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str | bytes) or len(value) > len(LAYERS):
         raise _invalid(pointer, "The layers to move from are a list.")
     for index, one in enumerate(value):

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
-import math
-from dataclasses import asdict, dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass
 from typing import Any, Literal
+
+from service.domain.gone import GoneLayer
+from service.domain.measured import Measured
+from service.domain.transform import Transform
 
 MapKind = Literal["faces", "cloud"]
 
 
 @dataclass(frozen=True)
-class PlacementEvidence:
+class PlacementEvidence(Measured):
     """Hold the measurements of one placement; no single one of them tells whether the pose is right.
 
     Parameters
@@ -94,6 +98,10 @@ class PlacementEvidence:
         How far the placement went from the rough pose.
     tilt_rad : float
         Angle between the scan's z axis and the map's.
+    gone : tuple of GoneLayer
+        What the placed scan looked through, layer by layer: it seems to have gone.
+    earlier : mapping of str to float, optional
+        Measures that an earlier version made of this placement and this one does not make, by their names.
     """
 
     map_kind: MapKind
@@ -137,14 +145,31 @@ class PlacementEvidence:
     moved_m: float
     turned_rad: float
     tilt_rad: float
+    gone: tuple[GoneLayer, ...] = ()
+    earlier: Mapping[str, float] | None = None
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the evidence as a JSON object; one that nothing determines (not finite) is null."""
-        value = {
-            name: None if isinstance(member, float) and not math.isfinite(member) else member
-            for name, member in asdict(self).items()
-        }
-        value["covariance"] = [[x if math.isfinite(x) else None for x in row] for row in self.covariance]
-        value["information_eigenvalues"] = list(self.information_eigenvalues)
-        value["weak_directions"] = list(self.weak_directions)
-        return value
+    @classmethod
+    def upgraded(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
+        """Return stored evidence with what no member names any more under `earlier`."""
+        unnamed = {name: told for name, told in value.items() if name not in cls.__dataclass_fields__}
+        return {**value, "earlier": unnamed} if unnamed else value
+
+
+@dataclass(frozen=True, eq=False)
+class Candidate(Measured):
+    """Hold a pose that was refined, and what it explains of the scan.
+
+    Parameters
+    ----------
+    T_map_scan : Transform
+        4x4, row by row: takes coordinates of the scan to coordinates of the map [m].
+    inlier_share_of_structure, inlier_share : float
+        Shares of the upright structure, and of all points, that lie on the map there.
+    starts : int
+        How many starts ended there.
+    """
+
+    T_map_scan: Transform
+    inlier_share_of_structure: float
+    inlier_share: float
+    starts: int

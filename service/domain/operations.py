@@ -9,6 +9,8 @@ from typing import Any, Protocol
 import numpy as np
 
 from service.domain.errors import InvalidRequest, LayerNotFound, RegionNotFound
+from service.domain.history import DoneOperation, Shift
+from service.domain.layer_part import LayerPart
 from service.domain.map_state import BaseReading, ErasedRegion, LayerState, MapState, Pose, pose_of
 from service.domain.recipe import Recipe
 from service.domain.region import MAX_REGIONS, Region
@@ -32,8 +34,8 @@ class Operation(Protocol):
         """
         ...
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
         ...
 
 
@@ -49,15 +51,10 @@ class AddLayer:
             raise _invalid(f"The placement {self.layer.placement_id} is a layer already.")
         return _with_layers(state, (*state.layers, self.layer))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        layer = self.layer
-        return {
-            "op": "add-layer",
-            "layer_id": layer.layer_id,
-            "placement_id": layer.placement_id,
-            "name": layer.name,
-        }
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        it = self.layer
+        return DoneOperation("add-layer", layer_id=it.layer_id, placement_id=it.placement_id, name=it.name)
 
 
 @dataclass(frozen=True)
@@ -71,10 +68,9 @@ class MoveLayer:
         """Return the state with the layer there; see `Operation.apply`."""
         return _changed(state, self.layer_id, T_map_scan=self.T_map_scan)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        rows = [list(row) for row in self.T_map_scan]
-        return {"op": "move-layer", "layer_id": self.layer_id, "T_map_scan": rows}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("move-layer", layer_id=self.layer_id, T_map_scan=self.T_map_scan)
 
 
 @dataclass(frozen=True)
@@ -94,10 +90,10 @@ class ShiftLayer:
         turned[:3, 3] = pose.translation + np.array([self.x_m, self.y_m, self.z_m])
         return _changed(state, self.layer_id, T_map_scan=pose_of(turned.tolist()))
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        by = {"x_m": self.x_m, "y_m": self.y_m, "z_m": self.z_m, "yaw_rad": self.yaw_rad}
-        return {"op": "move-layer", "layer_id": self.layer_id, "by": by}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        by = Shift(self.x_m, self.y_m, self.z_m, self.yaw_rad)
+        return DoneOperation("move-layer", layer_id=self.layer_id, by=by)
 
 
 @dataclass(frozen=True)
@@ -127,9 +123,9 @@ class ReplaceLayer:
             name=self.name or old.name,
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "replace-layer", "layer_id": self.layer_id, "placement_id": self.placement_id}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("replace-layer", layer_id=self.layer_id, placement_id=self.placement_id)
 
 
 @dataclass(frozen=True)
@@ -143,9 +139,9 @@ class ShowLayer:
         """Return the state with the layer shown or hidden; see `Operation.apply`."""
         return _changed(state, self.layer_id, visible=self.visible)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "show-layer" if self.visible else "hide-layer", "layer_id": self.layer_id}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("show-layer" if self.visible else "hide-layer", layer_id=self.layer_id)
 
 
 @dataclass(frozen=True)
@@ -159,9 +155,9 @@ class RenameLayer:
         """Return the state with the name; see `Operation.apply`."""
         return _changed(state, self.layer_id, name=self.name)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "rename-layer", "layer_id": self.layer_id, "name": self.name}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("rename-layer", layer_id=self.layer_id, name=self.name)
 
 
 @dataclass(frozen=True)
@@ -175,9 +171,9 @@ class CutLayer:
         """Return the state with the other part; see `Operation.apply`."""
         return _changed(state, self.layer_id, part=self.part)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "cut-layer", "layer_id": self.layer_id, "part": self.part}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("cut-layer", layer_id=self.layer_id, part=LayerPart.from_json(self.part))
 
 
 @dataclass(frozen=True)
@@ -193,9 +189,9 @@ class RemoveLayer:
         kept = tuple(layer for layer in state.layers if layer is not gone)
         return replace(state, layers=kept, erased=erased)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "remove-layer", "layer_id": self.layer_id}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("remove-layer", layer_id=self.layer_id)
 
 
 @dataclass(frozen=True)
@@ -213,9 +209,9 @@ class SetLayers:
         )
         return _with_layers(replace(state, erased=erased), self.layers)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "set-layers", "layer_ids": [layer.layer_id for layer in self.layers]}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("set-layers", layer_ids=tuple(layer.layer_id for layer in self.layers))
 
 
 @dataclass(frozen=True)
@@ -245,9 +241,9 @@ class EraseRegion:
             state, erased=(*state.erased, ErasedRegion(self.region_id, self.region, self.drawing, poses))
         )
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "erase-region", "region_id": self.region_id, "region": self.region.to_json()}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("erase-region", region_id=self.region_id, region=self.region)
 
 
 @dataclass(frozen=True)
@@ -264,9 +260,9 @@ class RestoreRegion:
             raise RegionNotFound(f"There is no erased region {self.region_id}; there is {known}.")
         return replace(state, erased=kept)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "restore-region", "region_id": self.region_id}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("restore-region", region_id=self.region_id)
 
 
 @dataclass(frozen=True)
@@ -284,9 +280,9 @@ class SetRecipe:
         old, new = state.recipe.to_json(), self.apply(state).recipe.to_json()
         return SetRecipe({name: self.fields[name] for name in self.fields if new[name] != old[name]})
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "set-recipe", "recipe": dict(self.fields)}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("set-recipe", recipe=self.fields)
 
 
 @dataclass(frozen=True)
@@ -299,9 +295,9 @@ class SetDrawing:
         """Return the state with the other drawing; see `Operation.apply`."""
         return replace(state, reading=self.reading)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the operation for a revision's history."""
-        return {"op": "set-drawing", "drawing_id": self.reading.drawing_id}
+    def done(self) -> DoneOperation:
+        """Return the operation as a revision's history keeps it."""
+        return DoneOperation("set-drawing", drawing_id=self.reading.drawing_id)
 
 
 def apply_all(state: MapState, operations: Iterable[Operation]) -> MapState:

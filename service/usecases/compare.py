@@ -13,6 +13,7 @@ from service.db.maps import find_map
 from service.db.models import Job, Revision
 from service.db.session import Session
 from service.domain.access import Actor
+from service.domain.comparison import CloudComparison
 from service.domain.errors import ArtifactNotFound
 from service.domain.lifecycle import JobKind
 from service.domain.map_state import Difference, differences
@@ -85,7 +86,7 @@ def comparison_picture(kernel: Kernel, actor: Actor, *, map_id: str, n: int, wit
 
 
 def record_comparison(
-    kernel: Kernel, session: Session, attempt: Attempt, *, geometry: dict[str, Any], picture: Stored
+    kernel: Kernel, session: Session, attempt: Attempt, *, geometry: CloudComparison, picture: Stored
 ) -> None:
     """Keep a comparison that was made, in one transaction with the end of its job.
 
@@ -97,7 +98,7 @@ def record_comparison(
     finish_succeeded(session, attempt, now=kernel.now())
     record_files(kernel, session, {PICTURE: picture})
     row = session.get_one(Comparison, attempt.subject_id)
-    row.geometry, row.picture_sha256 = geometry, picture.sha256
+    row.geometry, row.picture_sha256 = geometry.to_json(), picture.sha256
 
 
 def _ask(kernel: Kernel, actor: Actor, map_id: str, *, from_id: str, to_id: str) -> None:

@@ -198,4 +198,4 @@ def _placement_ids(step: WantedOperation) -> list[str]:
 
 def history(operations: Sequence[Operation]) -> list[dict[str, Any]]:
     """Return operations as a revision's history keeps them."""
-    return [one.to_json() for one in operations]
+    return [one.done().to_json() for one in operations]

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any
 
 from service.db.jobs import Attempt, finish_succeeded
 from service.db.models import Placement
 from service.db.session import Session
+from service.domain.acceptance import Judgement
+from service.domain.evidence import Candidate, PlacementEvidence
+from service.domain.transform import Transform
 from service.domain.webhook import EventKind
 from service.storage.blobs import Stored
 from service.usecases.events import emit
@@ -19,13 +21,12 @@ from service.usecases.record_files import record_files
 
 @dataclass(frozen=True)
 class PlacementResult:
-    """Hold what a placement job found, as JSON values; `T_map_scan` is a 4x4 matrix [m]."""
+    """Hold what a placement job found: the pose, what was measured there, and the judgement of it."""
 
-    T_map_scan: list[list[float]]
-    verdict: str
-    reasons: list[Any]
-    evidence: dict[str, Any]
-    candidates: list[Any]
+    T_map_scan: Transform
+    judgement: Judgement
+    evidence: PlacementEvidence
+    candidates: Sequence[Candidate] = ()
 
 
 def record_placement(
@@ -55,14 +56,14 @@ def record_placement(
     finish_succeeded(session, attempt, now=kernel.now())
     record_files(kernel, session, files)
     placement = session.get_one(Placement, attempt.subject_id)
-    placement.T_map_scan = result.T_map_scan
-    placement.verdict = result.verdict
-    placement.reasons = result.reasons
-    placement.evidence = result.evidence
-    placement.candidates = result.candidates
+    judged, evidence = result.judgement.to_json(), result.evidence.to_json()
+    placement.T_map_scan = result.T_map_scan.tolist()
+    placement.verdict, placement.reasons = judged["verdict"], judged["reasons"]
+    placement.evidence = evidence
+    placement.candidates = [one.to_json() for one in result.candidates]
     placement.labels_sha256 = files["labels.npy"].sha256
-    if result.verdict == "accepted":
-        propose(kernel, session, placement, result.evidence.get("gone", ()))
-    told = {"placement_id": placement.id, "scan_id": placement.scan_id, "verdict": result.verdict}
+    if placement.verdict == "accepted":
+        propose(kernel, session, placement, evidence["gone"])
+    told = {"placement_id": placement.id, "scan_id": placement.scan_id, "verdict": placement.verdict}
     emit(kernel, session, EventKind.PLACEMENT_JUDGED, map_id=placement.map_id, told=told)
     return placement

@@ -7,30 +7,19 @@ The file made here holds what the service itself writes, as TypeScript that has 
 from __future__ import annotations
 
 import json
-import math
 import tempfile
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
 from service.domain.findings import Finding
-from service.domain.map_state import ErasedRegion
-from service.domain.region import Region
-from service.domain.rough_pose import RoughPose
-from service.domain.transform import Transform
-from tests.unit.placement_evidence import GOOD
 from worker.formats.octree import write_octree
 from worker.formats.reading import write_reading, write_walls
 from worker.formats.sheet_tiles import write_sheet_tiles
-from worker.geometry.cloud.difference import cloud_difference
-from worker.geometry.cloud.free_space import FreeSpace, MappedThing
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale.decision import Scale, Witness, given
-from worker.geometry.registration.place import Candidate
-from worker.handlers import compare_revisions, place_scan
 
 TOLD = Path(__file__).resolve().parents[2] / "service/web/app/tests/told.ts"
 HEAD = """/** What the service tells; `poe told` writes it anew. */
@@ -41,22 +30,12 @@ export const told: Told = """
 _WALL = Wall.of(np.array([[0.0, 0.0], [4.0, 0.0], [4.0, 3.0]]), thickness=0.2)
 _PIER = Column(np.array([[1.0, 1.0], [1.4, 1.0], [1.4, 1.4], [1.0, 1.4]]))
 _TEXT = RemovedStroke((np.array([[1.0, 1.0], [2.0, 2.0]]),), "text", "small")
-_REGION = Region(((0.0, 0.0), (1.0, 0.0), (1.0, 1.0)), z_min_m=0.5)
 
 
 def told() -> dict[str, Any]:
     """Return everything by the name of its type, several of each where they take several forms."""
-    nowhere = ((math.inf,) * 6,) * 6
     with tempfile.TemporaryDirectory() as folder:
-        files = _files(Path(folder))
-    return files | {
-        "evidence": [GOOD.to_json(), replace(GOOD, covariance=nowhere).to_json()],
-        "candidates": [Candidate(Transform.identity(), 0.9, 0.8, 3).to_json()],
-        "roughPoses": [RoughPose(1.0, 2.0).to_json()],
-        "erased": [ErasedRegion("reg_1", _REGION, drawing=True, layers={}).to_json()],
-        "gone": [_gone()],
-        "differences": [_difference()],
-    }
+        return _files(Path(folder))
 
 
 def shape_of(value: Any) -> Any:
@@ -107,17 +86,6 @@ def _readings() -> list[Reading]:
             findings=(Finding("scale-unknown", "warning", "No two witnesses agree."),),
         ),
     ]  # fmt: skip
-
-
-def _gone() -> dict[str, Any]:
-    thing = MappedThing(np.zeros((9, 3)), _REGION)
-    return place_scan._told("lay_1", "machine", whole=False, things=[(thing, FreeSpace(9, 1, 8))])
-
-
-def _difference() -> dict[str, Any]:
-    side = compare_revisions._Side({(0.0, 0.0): Path("a")}, (), 20)
-    one = cloud_difference(PointCloud.of(np.zeros((1, 3))), PointCloud.of(np.ones((2, 3))))
-    return compare_revisions._told(side, side, {(0.0, 0.0): one})
 
 
 def text() -> str:

@@ -11,11 +11,14 @@ from sqlalchemy import select
 
 from service.db.jobs import Attempt, claim, finish_failed
 from service.db.models import Job, Key
+from service.domain.acceptance import Judgement
+from service.domain.acceptance_table import Verdict
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.lifecycle import Role
 from service.domain.rough_pose import RoughPose
 from service.domain.scan_options import SaidOfScan
+from service.domain.transform import Transform
 from service.storage.blobs import Stored
 from service.usecases.drawings import reread_drawing
 from service.usecases.kernel import Kernel
@@ -26,6 +29,7 @@ from service.usecases.record_drawing_reading import record_drawing_reading
 from service.usecases.record_placement import PlacementResult, record_placement
 from service.usecases.record_revision import record_revision
 from service.usecases.record_scan_reading import record_scan_reading
+from tests.unit.placement_evidence import GOOD
 
 IDENTITY = [[1.0, 0.0, 0.0, 0.0], [0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, 0.0, 1.0]]
 CLOUD = bytes(range(256)) * 400
@@ -139,10 +143,10 @@ class ByHand:
         with self.kernel.db.writing("record-revision") as session:
             record_revision(self.kernel, session, attempt, report=report, version="by hand", files=files)
 
-    def place(self, job_id: str, *, verdict: str = "accepted") -> None:
+    def place(self, job_id: str, *, verdict: Verdict = "accepted") -> None:
         """End a placement with a verdict."""
         attempt = self.claim(job_id)
-        result = PlacementResult(IDENTITY, verdict, ["seen by hand"], {"inliers": 1}, [])
+        result = PlacementResult(Transform.identity(), Judgement(verdict, ("seen by hand",)), GOOD)
         with self.kernel.db.writing("record-placement") as session:
             record_placement(
                 self.kernel, session, attempt, result=result, files={"labels.npy": self.keep(b"labels")}

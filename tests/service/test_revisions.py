@@ -14,6 +14,7 @@ from service.domain.rough_pose import RoughPose
 from tests.server import Server
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import IDENTITY, ByHand
+from tests.unit.placement_evidence import GOOD
 
 
 def test_a_revision_is_asked_for_built_and_shown(admin: httpx.Client, by_hand: ByHand) -> None:
@@ -144,7 +145,8 @@ def test_a_scan_is_placed_and_taken_in(admin: httpx.Client, by_hand: ByHand) -> 
     refused(admin.post(f"{where}/accept"), 409, "placement-not-acceptable")
     by_hand.place(asked["job"]["id"])
     done = ok(admin.get(where))
-    assert (done["verdict"], done["T_map_scan"], done["evidence"]) == ("accepted", IDENTITY, {"inliers": 1})
+    assert (done["verdict"], done["T_map_scan"]) == ("accepted", IDENTITY)
+    assert done["evidence"] == GOOD.to_json()
     made = ok(admin.post(f"{where}/accept"), 202)
     assert (made["revision"]["n"], made["revision"]["parent_n"]) == (2, first)
     assert [(x["name"], x["scan_id"]) for x in made["revision"]["layers"]] == [("scan.ply", scan_id)]

@@ -5,12 +5,13 @@ from __future__ import annotations
 import json
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import Literal
 
 import numpy as np
 
 from service.db.comparisons import Comparison
 from service.db.revisions import find_artifact
+from service.domain.comparison import CloudComparison, TileChange
 from service.domain.errors import ArtifactNotFound
 from service.usecases.compare import PICTURE, record_comparison
 from worker.context import JobContext
@@ -48,7 +49,7 @@ def compare_revisions(context: JobContext) -> None:
     stored = context.kernel.blobs.adopt(picture)
     with context.kernel.db.writing("record-comparison") as session:
         record_comparison(
-            context.kernel, session, context.attempt, geometry=_told(old, new, found), picture=stored
+            context.kernel, session, context.attempt, geometry=_compared(old, new, found), picture=stored
         )
 
 
@@ -78,29 +79,21 @@ def _cloud(context: JobContext, path: Path | None) -> PointCloud:
     return PointCloud.of(np.zeros((0, 3))) if path is None else read_pcd(path, context.bounds)
 
 
-def _told(old: _Side, new: _Side, found: dict[Corner, CloudDifference]) -> dict[str, Any]:
-    """Return the comparison as a JSON object."""
-    tiles = [
-        {
-            "corner_m": list(corner),
-            "change": _change(corner, old, new),
-            "points_added": len(one.added),
-            "points_removed": len(one.removed),
-            "points_kept": one.kept,
-        }
+def _compared(old: _Side, new: _Side, found: dict[Corner, CloudDifference]) -> CloudComparison:
+    tiles = tuple(
+        TileChange(corner, _change(corner, old, new), len(one.added), len(one.removed), one.kept)
         for corner, one in found.items()
-    ]
-    same = sum(1 for corner in new.tiles if corner in old.tiles and corner not in found)
-    return {
-        "points_added": sum(len(one.added) for one in found.values()),
-        "points_removed": sum(len(one.removed) for one in found.values()),
-        "tile_size_m": new.tile_size_m,
-        "tiles_unchanged": same,
-        "tiles": tiles,
-    }
+    )
+    return CloudComparison(
+        points_added=sum(one.points_added for one in tiles),
+        points_removed=sum(one.points_removed for one in tiles),
+        tile_size_m=new.tile_size_m,
+        tiles_unchanged=sum(1 for corner in new.tiles if corner in old.tiles and corner not in found),
+        tiles=tiles,
+    )
 
 
-def _change(corner: Corner, old: _Side, new: _Side) -> str:
+def _change(corner: Corner, old: _Side, new: _Side) -> Literal["added", "removed", "changed"]:
     if corner not in old.tiles:
         return "added"
     return "changed" if corner in new.tiles else "removed"

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -12,15 +12,15 @@ from service.db.models import Placement, Scan
 from service.db.revisions import find_artifact, find_revision
 from service.domain.acceptance import judge
 from service.domain.errors import RevisionNotReady
+from service.domain.gone import GoneLayer, GoneThing
 from service.domain.recipe import Recipe
 from service.domain.rough_pose import RoughPose
 from service.domain.transform import Transform
 from service.usecases.record_placement import PlacementResult, record_placement
 from worker.context import JobContext, LayerSource, ScanSource
 from worker.formats.reading import load_walls_and_columns
-from worker.geometry.cloud.free_space import FreeSpace, MappedThing, Sight, things_of
+from worker.geometry.cloud.free_space import Sight, things_of
 from worker.geometry.cloud.merge import PlacedLayer
-from worker.geometry.registration.place import Placed
 from worker.geometry.registration.place_upright import place_upright_scan
 from worker.geometry.registration.structure import find_viewpoint
 from worker.geometry.registration.target import PlacementTarget
@@ -67,8 +67,14 @@ def place_scan(context: JobContext) -> None:
     np.save(labels, placed.labels)
     files = {labels.name: context.kernel.blobs.adopt(labels)}
     gone = _gone(scan, placed.T_map_scan, others, top=asked.recipe.wall_height_m)
+    result = PlacementResult(
+        T_map_scan=placed.T_map_scan,
+        judgement=judge(placed.evidence),
+        evidence=replace(placed.evidence, gone=gone),
+        candidates=placed.candidates,
+    )
     with context.kernel.db.writing("record-placement") as session:
-        record_placement(context.kernel, session, context.attempt, result=_result(placed, gone), files=files)
+        record_placement(context.kernel, session, context.attempt, result=result, files=files)
 
 
 def _asked(context: JobContext) -> _Asked:
@@ -102,28 +108,24 @@ def _others(context: JobContext, asked: _Asked) -> dict[LayerSource, PlacedLayer
 
 def _gone(
     scan: UprightScan, T_map_scan: Transform, others: Mapping[LayerSource, PlacedLayer], *, top: float
-) -> list[dict[str, Any]]:
+) -> tuple[GoneLayer, ...]:
     """Return the things of each layer that the placed scan looked through: they seem to have gone."""
     if not others:
-        return []
+        return ()
     kept = scan.scan.points[~scan.outliers]
     sight = Sight(T_map_scan.apply(kept), T_map_scan.apply(find_viewpoint(kept)[None])[0])
     told = []
     for source, layer in others.items():
-        things = [(thing, sight.of(thing.points)) for thing in things_of(layer.cloud.points, top=top)]
-        gone = [(thing, seen) for thing, seen in things if seen.is_gone]
-        if gone:
-            every = sum(len(thing.points) for thing, _ in gone) >= _ALL * len(layer.cloud)
-            told.append(_told(source.layer_id, source.name, whole=every, things=gone))
-    return told
-
-
-def _told(
-    layer_id: str, name: str, *, whole: bool, things: Sequence[tuple[MappedThing, FreeSpace]]
-) -> dict[str, Any]:
-    """Return what of a layer has gone as a JSON object, the evidence of a proposal."""
-    found = [{"region": thing.region.to_json(), **asdict(seen)} for thing, seen in things]
-    return {"layer_id": layer_id, "name": name, "whole_layer": whole, "things": found}
+        seen = [(thing, sight.of(thing.points)) for thing in things_of(layer.cloud.points, top=top)]
+        things = tuple(
+            GoneThing(thing.region, it.points, it.still_seen, it.looked_through)
+            for thing, it in seen
+            if it.is_gone
+        )
+        if things:
+            whole = sum(thing.points for thing in things) >= _ALL * len(layer.cloud)
+            told.append(GoneLayer(source.layer_id, source.name, whole, things))
+    return tuple(told)
 
 
 def _target(context: JobContext, asked: _Asked, others: Sequence[PlacedLayer]) -> PlacementTarget:
@@ -137,15 +139,4 @@ def _target(context: JobContext, asked: _Asked, others: Sequence[PlacedLayer]) -
         wall_height=asked.recipe.wall_height_m,
         ceiling=asked.recipe.ceiling,
         layers=np.vstack(points) if points else None,
-    )
-
-
-def _result(placed: Placed, gone: list[dict[str, Any]]) -> PlacementResult:
-    judgement = judge(placed.evidence)
-    return PlacementResult(
-        T_map_scan=placed.T_map_scan.tolist(),
-        verdict=judgement.verdict,
-        reasons=list(judgement.reasons),
-        evidence={**placed.evidence.to_json(), "gone": gone},
-        candidates=[candidate.to_json() for candidate in placed.candidates],
     )

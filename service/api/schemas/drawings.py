@@ -10,8 +10,9 @@ from pydantic import BaseModel, ConfigDict, Field
 from service.api.schemas.base import Input, JsonObject, Number, Output, Text
 from service.api.schemas.edits import EditIn
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.kept import Kept
 from service.db.uploads import DrawingRow
-from service.domain.drawing_options import MAX_KNOWN_LENGTHS, MAX_WALL_LAYERS
+from service.domain.drawing_options import MAX_KNOWN_LENGTHS, MAX_WALL_LAYERS, DrawingOptions
 from service.domain.edits import MAX_EDITS
 
 
@@ -92,10 +93,7 @@ class DrawingOut(Output):
     sha256: str
     size_bytes: int
     media_type: str
-    options: JsonObject = Field(
-        description="What was said of it: `scale`, `page`, `storey`, `cut_height_m`, `wall_layers`, `edits`, "
-        "`replaces`; what was not said is left out."
-    )
+    options: Kept[DrawingOptions] = Field(description="What was said of it.")
     reading: JsonObject | None = Field(
         description="Scale with its evidence, counts and findings; null until a job has read the drawing."
     )

@@ -7,10 +7,12 @@ from typing import Self
 
 from pydantic import Field
 
-from service.api.schemas.base import JsonObject, Output
+from service.api.schemas.base import Output
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.kept import Kept
 from service.api.schemas.revisions import DifferenceOut
 from service.db.models import Publication
+from service.domain.comparison import CloudComparison
 from service.usecases.compare import Compared
 
 
@@ -20,7 +22,7 @@ class ComparedOut(Output):
     from_revision: int
     to_revision: int
     differences: list[DifferenceOut]
-    geometry: JsonObject | None = Field(
+    geometry: Kept[CloudComparison | None] = Field(
         description="Points and tiles added and removed; null until the job has ended well."
     )
     picture_url: str | None = Field(description="What went and what came, from above.")

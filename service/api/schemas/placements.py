@@ -3,14 +3,16 @@
 from __future__ import annotations
 
 from datetime import datetime
-from typing import Annotated, Any, Literal, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field
 
-from service.api.schemas.base import Input, JsonObject, Number, Output, Text
+from service.api.schemas.base import Input, Number, Output, Text
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.kept import Kept
 from service.api.schemas.operations import LayerPartIn
 from service.db.models import Placement
+from service.domain.evidence import Candidate, PlacementEvidence
 from service.domain.rough_pose import RoughPose
 from service.usecases.place import Asked, WantedPlacement
 
@@ -69,7 +71,7 @@ class PlacementOut(Output):
     map_id: str
     scan_id: str
     revision: int = Field(validation_alias="revision_n", description="The revision it was placed on.")
-    initial_pose: JsonObject | None = Field(
+    initial_pose: Kept[RoughPose | None] = Field(
         description="The rough pose it started from; null where it was searched for everywhere."
     )
     ndt_resolution_m: float
@@ -78,8 +80,10 @@ class PlacementOut(Output):
     )
     verdict: Literal["accepted", "needs-review", "rejected"] | None
     reasons: list[str] | None = Field(description="Why the verdict is what it is, as sentences.")
-    evidence: JsonObject | None = Field(description="The measurements behind the verdict.")
-    candidates: list[Any] | None = Field(description="Poses that were considered, the one given first.")
+    evidence: Kept[PlacementEvidence | None] = Field(description="The measurements behind the verdict.")
+    candidates: Kept[list[Candidate] | None] = Field(
+        description="Poses that were considered, the one given first."
+    )
     job_id: str
     created_at: datetime
 

@@ -6,7 +6,9 @@ from datetime import datetime
 
 from pydantic import Field
 
-from service.api.schemas.base import JsonObject, Output
+from service.api.schemas.base import Output
+from service.api.schemas.kept import Kept
+from service.domain.gone import GoneLayer
 from service.domain.lifecycle import ProposalState
 
 
@@ -18,10 +20,7 @@ class ProposalOut(Output):
     placement_id: str = Field(description="The placement of the scan that looked through it.")
     layer_id: str
     state: ProposalState
-    evidence: JsonObject = Field(
-        description="What has gone, thing by thing: its region, and how many of its points were asked about, "
-        "still seen, and looked through."
-    )
+    evidence: Kept[GoneLayer] = Field(description="What has gone, thing by thing.")
     revision_n: int | None = Field(description="The revision that took it off, once accepted.")
     created_at: datetime
     decided_at: datetime | None

@@ -9,10 +9,15 @@ from pydantic import Field
 
 from service.api.schemas.base import Identifier, Input, JsonObject, Output, Remark
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.kept import Kept
 from service.api.schemas.operations import LayerIn, OperationIn, RecipeIn
 from service.db.models import Artifact
 from service.domain.errors import InvalidRequest
+from service.domain.history import DoneOperation
+from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import RevisionStatus
+from service.domain.map_state import ErasedRegion
+from service.domain.recipe import Recipe
 from service.usecases.publish import Published, Said
 from service.usecases.revise import Revised, Wanted
 from service.usecases.revisions import Shown
@@ -59,7 +64,7 @@ class LayerOut(Output):
     name: str
     scan_id: str
     placement_id: str
-    part: JsonObject | None = Field(
+    part: Kept[LayerPart | None] = Field(
         description="Which of the scan's points it holds; null, all of them, in layers of the first days."
     )
     visible: bool = Field(description="Whether its points are in the revision's files.")
@@ -76,11 +81,11 @@ class RevisionOut(Output):
     parent_n: int | None = Field(description="The revision that the operations were applied to.")
     base_n: int | None = Field(description="The revision that the person who asked had in view.")
     status: RevisionStatus
-    recipe: JsonObject
+    recipe: Kept[Recipe]
     drawing_id: str
     layers: list[LayerOut]
-    erased: list[JsonObject] | None = Field(description="Regions whose points were taken off.")
-    operations: list[JsonObject] | None = Field(description="What was done to the parent.")
+    erased: Kept[list[ErasedRegion] | None] = Field(description="Regions whose points were taken off.")
+    operations: Kept[list[DoneOperation] | None] = Field(description="What was done to the parent.")
     reason: str | None
     job_id: str
     report: JsonObject | None = Field(description="What was built from what, once it is ready.")

@@ -11,9 +11,11 @@ from pydantic import Field
 
 from service.api.schemas.base import JsonObject, Output
 from service.api.schemas.jobs import JobOut
+from service.api.schemas.kept import Kept
 from service.db.uploads import ScanRow
 from service.domain.errors import InvalidRequest
-from service.domain.scan_options import UNITS, UP_AXES, SaidOfScan
+from service.domain.rough_pose import RoughPose
+from service.domain.scan_options import UNITS, UP_AXES, SaidOfScan, ScanOptions
 
 FORM: JsonObject = {
     "requestBody": {
@@ -89,8 +91,10 @@ class ScanOut(Output):
     sha256: str
     size_bytes: int
     media_type: str
-    rough_pose: JsonObject | None = Field(description="Where its sender thinks it was taken: `T_map_scan`.")
-    options: JsonObject | None = Field(
+    rough_pose: Kept[RoughPose | None] = Field(
+        description="Where its sender thinks it was taken: `T_map_scan`."
+    )
+    options: Kept[ScanOptions | None] = Field(
         description="What was said of the file: `up` and `metres_per_unit`, null where they are found."
     )
     reading: JsonObject | None = Field(

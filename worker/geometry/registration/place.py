@@ -4,13 +4,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.errors import PlacementNotComputed
-from service.domain.evidence import PlacementEvidence
+from service.domain.evidence import Candidate, PlacementEvidence
 from service.domain.layer_part import REFERENCE, TARGET
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
@@ -37,25 +36,6 @@ _HELD = 1.4
 _LEAST_STRUCTURE = 12
 _BATCH = 200_000
 _LEVEL_STEP = 0.2
-
-
-@dataclass(frozen=True, eq=False)
-class Candidate:
-    """Hold a pose that starts ended at, and the share of the scan's structure that it explains."""
-
-    T_map_scan: Transform
-    inlier_share_of_structure: float
-    inlier_share: float
-    starts: int
-
-    def to_json(self) -> dict[str, Any]:
-        """Return the candidate as a JSON object."""
-        return {
-            "T_map_scan": self.T_map_scan.tolist(),
-            "inlier_share_of_structure": self.inlier_share_of_structure,
-            "inlier_share": self.inlier_share,
-            "starts": self.starts,
-        }
 
 
 @dataclass(frozen=True, eq=False)

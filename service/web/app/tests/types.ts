@@ -1,17 +1,4 @@
-import type {
-  Candidate,
-  Difference,
-  ErasedRegion,
-  Evidence,
-  Features,
-  Gone,
-  OctreeTold,
-  Reading,
-  RoughPose,
-  SheetTold,
-  StrokeFeature,
-  WallFeature,
-} from "../src/api/told";
+import type { Features, OctreeTold, Reading, SheetTold, StrokeFeature, WallFeature } from "../src/api/told";
 
 /** At least the members of `T`, at every depth. */
 type AtLeast<T> = T extends readonly unknown[]
@@ -22,12 +9,6 @@ type AtLeast<T> = T extends readonly unknown[]
 
 /** What `told.ts` holds: what the service tells has at least what the pages read of it. */
 export interface Told {
-  evidence: AtLeast<Required<Evidence>>[];
-  candidates: AtLeast<Candidate>[];
-  roughPoses: AtLeast<RoughPose>[];
-  erased: AtLeast<ErasedRegion>[];
-  gone: AtLeast<Gone>[];
-  differences: AtLeast<Difference>[];
   readings: AtLeast<Reading>[];
   strokes: AtLeast<Features<StrokeFeature>>[];
   walls: AtLeast<Features<WallFeature>>[];

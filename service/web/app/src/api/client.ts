@@ -1,6 +1,6 @@
 /** The one way to the service: the public API, with the session cookie and its header. */
 import type { components } from "./schema";
-import type { Candidate, Difference, DrawingOptions, ErasedRegion, Evidence, Gone, Reading, RoughPose } from "./told";
+import type { Reading } from "./told";
 
 export type Schemas = components["schemas"];
 
@@ -20,22 +20,23 @@ type Told<T, M = unknown> = { [K in keyof T as IsOpen<T[K]> extends false ? K : 
 
 export type Job = Told<Schemas["JobOut"]>;
 export type SiteMap = Told<Schemas["MapOut"]>;
-export type Placement = Told<Schemas["PlacementOut"], { evidence: Evidence | null; candidates: Candidate[] | null }>;
-export type Scan = Told<Schemas["ScanOut"], { rough_pose: RoughPose | null }>;
-export type Drawing = Told<Schemas["DrawingOut"], { reading: Reading | null; options: DrawingOptions }>;
-export type Revision = Told<Schemas["RevisionOut"], { erased: ErasedRegion[] | null }>;
+export type Placement = Told<Schemas["PlacementOut"]>;
+export type Scan = Told<Schemas["ScanOut"]>;
+export type Drawing = Told<Schemas["DrawingOut"], { reading: Reading | null }>;
+export type Revision = Told<Schemas["RevisionOut"]>;
 export type Robot = Told<Schemas["RobotOut"]>;
 export type Key = Told<Schemas["KeyOut"]>;
+export type Evidence = NonNullable<Placement["evidence"]>;
 export type Session = Schemas["SessionOut"];
 export type Stats = Told<Schemas["StatsOut"]>;
 export type AuditEntry = Told<Schemas["AuditEntryOut"], { before: unknown; after: unknown }>;
 export type Publication = Told<Schemas["PublicationOut"]>;
 export type Layer = Told<Schemas["LayerOut"]>;
-export type Proposal = Told<Schemas["ProposalOut"], { evidence: Gone }>;
+export type Proposal = Told<Schemas["ProposalOut"]>;
 export type Rollout = Told<Schemas["RolloutOut"]>;
 export type Convergence = Schemas["ConvergenceOut"];
 export type Counted = Schemas["CountedRobotsOut"];
-export type Compared = Told<Schemas["ComparedOut"], { geometry: Difference | null }>;
+export type Compared = Told<Schemas["ComparedOut"]>;
 export type Operation = NonNullable<Schemas["RevisionIn"]["operations"]>[number];
 
 export interface Page<T> {

@@ -8,53 +8,8 @@ export type Point = [number, number];
 export type Edit = NonNullable<components["schemas"]["DrawingPatch"]["edits"]>[number];
 export type StrokeLayer = Extract<Edit, { action: "move" }>["to"];
 
-/** Of a placement; one of an earlier version may lack some, or hold null where nothing determines it. */
-export interface Evidence {
-  inlier_share?: number | null;
-  residual_median_m?: number | null;
-  euclidean_fitness_score_m2?: number | null;
-  contradicted_share?: number | null;
-  /** Of x, y, z [m] and three angles [rad]. */
-  covariance?: (number | null)[][];
-}
-
 /** 4 x 4, row by row. */
 export type Matrix = number[][];
-
-export interface Candidate {
-  T_map_scan: Matrix;
-}
-
-export interface RoughPose {
-  x_m: number;
-  y_m: number;
-  z_m: number;
-  yaw_rad: number;
-}
-
-export interface Region {
-  within: number[][];
-}
-
-export interface ErasedRegion {
-  region_id: string;
-  region: Region;
-}
-
-/** Of a proposal to take off what has gone. */
-export interface Gone {
-  name: string;
-  whole_layer: boolean;
-  things: { region: Region }[];
-}
-
-/** What differs between two revisions, in points and tiles. */
-export interface Difference {
-  points_added: number;
-  points_removed: number;
-  tiles_unchanged: number;
-  tiles: unknown[];
-}
 
 /** Metres a unit, or the lowest and highest that are likely. */
 export type Likely = number | [low: number, high: number];
@@ -74,10 +29,6 @@ export interface Reading {
   drawing_origin: Point;
   drawing_top: number | null;
   findings: { code: string; severity: string; message: string }[];
-}
-
-export interface DrawingOptions {
-  edits?: Edit[];
 }
 
 export interface Features<F> {

@@ -118,6 +118,7 @@ export function ComparePage({ mapId, from, to }: { mapId: string; from: number; 
     .filter((one) => one.status === "ready" && !one.pruned_at)
     .sort((a, b) => b.n - a.n);
   const geometry = found?.geometry;
+  const changed = geometry?.tiles?.length ?? 0;
   return (
     <>
       <div class="title">
@@ -168,7 +169,7 @@ export function ComparePage({ mapId, from, to }: { mapId: string; from: number; 
                 <dd>{geometry.points_removed}</dd>
                 <dt>{t("compare.tiles")}</dt>
                 <dd>
-                  {geometry.tiles.length} / {geometry.tiles.length + geometry.tiles_unchanged}
+                  {changed} / {changed + (geometry.tiles_unchanged ?? 0)}
                 </dd>
               </dl>
             )}

@@ -64,7 +64,7 @@ function waitingOf({ placements, newest, proposals, drawings, failed }: Open): W
       id: one.id,
       map_id: one.map_id,
       why: t("overview.proposal"),
-      detail: one.evidence.name,
+      detail: one.evidence.name ?? "",
       href: `#/maps/${one.map_id}/revise`,
     })),
     ...drawings

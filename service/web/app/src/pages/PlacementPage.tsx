@@ -249,7 +249,7 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
     }
   };
 
-  const candidates = placement?.candidates ?? [];
+  const candidates = placement?.candidates?.flatMap((one) => (one.T_map_scan ? [one.T_map_scan] : [])) ?? [];
   return (
     <div class="workplace">
       <div class="stage">
@@ -353,9 +353,9 @@ function Workplace({ loaded, mapId, scanId }: { loaded: Loadable; mapId: string;
           <section>
             <h2>{t("place.candidates")}</h2>
             <div class="candidates">
-              {candidates.map((one, k) => (
-                <button key={k} type="button" onClick={() => show(one.T_map_scan, k === 0 ? placement : null)}>
-                  <MiniPlan map={loaded.map.overview} scan={loaded.points} T={one.T_map_scan} label={`${k + 1}`} />
+              {candidates.map((T, k) => (
+                <button key={k} type="button" onClick={() => show(T, k === 0 ? placement : null)}>
+                  <MiniPlan map={loaded.map.overview} scan={loaded.points} T={T} label={`${k + 1}`} />
                   <span>{k + 1}</span>
                 </button>
               ))}

@@ -61,7 +61,9 @@ function Gone({ proposals, layers, decide }: GoneProps) {
             <span>
               <strong>{layers.find((layer) => layer.layer_id === one.layer_id)?.name ?? one.layer_id}</strong>
               <span class="quiet">
-                {one.evidence.whole_layer ? t("revise.allOfIt") : `${one.evidence.things.length} ${t("revise.things")}`}
+                {one.evidence.whole_layer
+                  ? t("revise.allOfIt")
+                  : `${one.evidence.things?.length ?? 0} ${t("revise.things")}`}
               </span>
             </span>
             <span class="chips">
@@ -183,14 +185,17 @@ function Reviser({ base, mapId, reload }: { base: Base; mapId: string; reload: (
             />
           ))}
           {base.proposals.flatMap((one) =>
-            one.evidence.things.map((thing, k) => (
-              <polygon
-                key={`${one.id} ${k}`}
-                points={cornersOf(thing.region.within)}
-                class="gone-region"
-                stroke-width={dot / 4}
-              />
-            )),
+            (one.evidence.things ?? []).map(
+              ({ region }, k) =>
+                region && (
+                  <polygon
+                    key={`${one.id} ${k}`}
+                    points={cornersOf(region.within)}
+                    class="gone-region"
+                    stroke-width={dot / 4}
+                  />
+                ),
+            ),
           )}
           {planned.map(
             ({ operation }, k) =>

@@ -1,5 +1,5 @@
 /** Lines over a stage seen from above: how sure a pose is, and regions that a person has drawn. */
-import type { Evidence } from "../api/told";
+import type { Evidence } from "../api/client";
 import { BufferGeometry, Group, LineBasicMaterial, LineLoop, Vector3 } from "three";
 
 export type At = [number, number];
@@ -23,7 +23,7 @@ export interface Ellipse {
 }
 
 /** The ellipse that holds the true place in 95 of 100 cases, of a covariance in x and y; null where none is told. */
-export function ellipseOf({ covariance: rows }: Evidence): Ellipse | null {
+export function ellipseOf({ covariance: rows }: Pick<Evidence, "covariance">): Ellipse | null {
   const [xx, xy, yy] = [rows?.[0]?.[0], rows?.[0]?.[1], rows?.[1]?.[1]];
   if (typeof xx !== "number" || typeof xy !== "number" || typeof yy !== "number") return null;
   const [middle, apart] = [(xx + yy) / 2, Math.hypot((xx - yy) / 2, xy)];

@@ -1,0 +1,122 @@
+"""Rows as earlier versions wrote them are shown, each member in the form that the API describes now."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+import httpx
+import pytest
+
+from service.db.models import Placement, Revision
+from service.db.proposals import Proposal
+from service.domain.evidence import PlacementEvidence
+from service.domain.recipe import Recipe
+from tests.service.asking import a_map, a_placement, a_ready_revision, ok
+from tests.service.by_hand import IDENTITY, ByHand
+
+FIRST_EVIDENCE = {
+    "map_kind": "faces", "converged": True, "iterations": 61, "points_compared": 8123,
+    "inlier_distance_m": 0.1, "inlier_share": 0.71, "inlier_share_of_structure": 0.93,
+    "residual_rms_m": 0.031, "residual_median_m": 0.012, "overlap_share": 0.97,
+    "euclidean_fitness_score_m2": 0.017, "transformation_probability": 2.4,
+    "nearest_voxel_transformation_likelihood": 2.1, "ndt_resolution_m": 1.0,
+    "information_eigenvalues": [0.1, 0.2, 0.3, 0.4, None, 0.9], "weak_directions": ["along 12"],
+    "upright_surfaces": 3, "starts": 7, "starts_agreeing": 6, "runner_up_distance_m": None,
+    "runner_up_turn_rad": None, "runner_up_inlier_share": None, "moved_m": 0.4, "turned_rad": 0.02,
+    "tilt_rad": 0.001,
+}  # fmt: skip
+"""Of the first placements, before covariances."""
+
+WALKS_EXCUSED = {
+    **FIRST_EVIDENCE,
+    "unreachable_share": 0.01,
+    "self_hidden_share": 0.002,
+    "covariance": [[None] * 6] * 6,
+    "gone": [{"layer_id": "lyr_1", "name": "press", "points": 900, "still_seen": 0, "looked_through": 890}],
+}
+"""Of when a walk was an excuse, and a layer was looked through as a whole."""
+
+
+@pytest.fixture
+def placed(admin: httpx.Client, by_hand: ByHand) -> str:
+    """Return the id of a placement on a map with a ready revision."""
+    map_id = a_map(admin)
+    a_ready_revision(admin, by_hand, map_id)
+    return a_placement(admin, by_hand, map_id)
+
+
+def rewrite(by_hand: ByHand, row: type[Any], key: str, columns: Mapping[str, Any]) -> None:
+    """Put into a row what an earlier version had written."""
+    with by_hand.kernel.db.writing("record-placement") as session:
+        found = session.get_one(row, key)
+        for name, value in columns.items():
+            setattr(found, name, value)
+
+
+@pytest.mark.parametrize("kept", [FIRST_EVIDENCE, WALKS_EXCUSED, {}, {"iterations": "many", "starts": [1]}])
+def test_evidence_of_any_version_is_shown_member_by_member(
+    kept: dict[str, Any], placed: str, admin: httpx.Client, by_hand: ByHand
+) -> None:
+    rewrite(by_hand, Placement, placed, {"evidence": kept, "initial_pose": None, "candidates": None})
+    shown = ok(admin.get(f"/v1/placements/{placed}"))
+    evidence, names = shown["evidence"], PlacementEvidence.__dataclass_fields__
+    assert set(evidence) | {"gone", "earlier"} == set(names)
+    unreadable = {"iterations", "starts"} if kept.get("iterations") == "many" else set()
+    for name in names.keys() - {"gone", "earlier"}:
+        assert evidence[name] == (None if name in unreadable else kept.get(name)), name
+    gone = kept.keys() - names
+    assert evidence.get("earlier", {}) == {name: kept[name] for name in gone}
+    if "gone" in kept:
+        counts = {"points": 900, "still_seen": 0, "looked_through": 890}
+        assert evidence["gone"] == [
+            {
+                "layer_id": "lyr_1",
+                "name": "press",
+                "whole_layer": True,
+                "things": [{"region": None, **counts}],
+            }
+        ]
+
+
+def test_candidates_and_poses_of_any_version_are_shown(
+    placed: str, admin: httpx.Client, by_hand: ByHand
+) -> None:
+    told = {"candidates": [{"T_map_scan": IDENTITY}, {"starts": 2}], "initial_pose": {"x_m": 1, "y_m": 2}}
+    rewrite(by_hand, Placement, placed, told)
+    shown = ok(admin.get(f"/v1/placements/{placed}"))
+    lacking = {"inlier_share": None, "inlier_share_of_structure": None}
+    assert shown["candidates"] == [
+        {"T_map_scan": IDENTITY, "starts": None, **lacking},
+        {"T_map_scan": None, "starts": 2, **lacking},
+    ]
+    assert shown["initial_pose"] == {"x_m": 1.0, "y_m": 2.0, "z_m": 0.0, "yaw_rad": 0.0}
+
+
+def test_revisions_of_any_version_are_shown(admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = a_map(admin)
+    n = a_ready_revision(admin, by_hand, map_id)
+    where = f"/v1/maps/{map_id}/revisions/{n}"
+    with by_hand.kernel.db.reading() as session:
+        (key,) = (row.id for row in session.query(Revision).filter_by(map_id=map_id))
+    first = {"voxel_size_m": 0.2, "wall_height_m": 3.0, "floor": True, "ceiling": False}
+    rewrite(by_hand, Revision, key, {"recipe": first, "operations": None, "erased": None})
+    shown = ok(admin.get(where))
+    assert shown["recipe"] == Recipe(voxel_size_m=0.2, wall_height_m=3.0, floor=True).to_json()
+    assert (shown["operations"], shown["erased"]) == (None, None)
+    step = {"op": "add-layer", "layer_id": "lyr_1", "placement_id": "plc_1", "name": "press"}
+    rewrite(by_hand, Revision, key, {"operations": [step, {"op": "set-recipe", "recipe": first}]})
+    assert ok(admin.get(where))["operations"] == [step, {"op": "set-recipe", "recipe": first}]
+
+
+def test_proposals_of_any_version_are_shown(placed: str, admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = ok(admin.get(f"/v1/placements/{placed}"))["map_id"]
+    with by_hand.kernel.db.writing("record-placement") as session:
+        row = Proposal(
+            id="prp_1", map_id=map_id, placement_id=placed, layer_id="lyr_1", state="open",
+            evidence=WALKS_EXCUSED["gone"][0], created_at=by_hand.kernel.now(),
+        )  # fmt: skip
+        session.add(row)
+    (shown,) = ok(admin.get(f"/v1/maps/{map_id}/proposals"))["items"]
+    assert shown["evidence"]["whole_layer"] is True
+    assert shown["evidence"]["things"][0]["looked_through"] == 890
