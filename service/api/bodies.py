@@ -18,8 +18,9 @@ from starlette.requests import ClientDisconnect, Request
 from service.api.deps import Limits, idempotent, request_digest
 from service.domain.bounds import Bounds
 from service.domain.errors import InvalidRequest, UnsupportedMedia, UploadInterrupted, UploadTooLarge
+from service.domain.formats import Media, Purpose
 from service.domain.headers import check_header
-from service.domain.media import HEAD_BYTES, Media, Purpose, accept
+from service.domain.media import HEAD_BYTES, accept
 from service.storage.blobs import BlobStore, StagedFile, Stored
 from service.storage.room import Room
 from service.usecases.answer import IdempotentRequest

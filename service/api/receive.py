@@ -14,7 +14,7 @@ from service.api.bodies import ReceivedForm, form_identity, received_file, recei
 from service.api.deps import IdempotencyKey, KernelDep, Limits, LimitsDep, respond
 from service.db.session import Session
 from service.domain.access import Actor
-from service.domain.media import Purpose
+from service.domain.formats import Purpose
 from service.usecases.answer import Answered, answer_once
 from service.usecases.bytes_first import bytes_first
 from service.usecases.kernel import Kernel

@@ -11,7 +11,8 @@ from dataclasses import dataclass
 
 from service.domain.bounds import Bounds
 from service.domain.errors import FileEmpty, FileMalformed, FileTruncated, ImageTooLarge, TooManyPoints
-from service.domain.media import HEAD_BYTES, JPEG, LAS, PCD, PLY, PNG, Media
+from service.domain.formats import JPEG, LAS, PCD, PLY, PNG, Media
+from service.domain.media import HEAD_BYTES
 
 _PLY_BYTES = {
     **dict.fromkeys(("char", "uchar", "int8", "uint8"), 1),

@@ -4,10 +4,29 @@ from __future__ import annotations
 
 import re
 import struct
-from dataclasses import dataclass
-from enum import StrEnum
 
 from service.domain.errors import FileEmpty, UnsupportedMedia
+from service.domain.formats import (
+    BMP,
+    BUILDING_YAML,
+    DXF,
+    FORMATS,
+    IFC,
+    OBJ,
+    PCD,
+    PDF,
+    PGM,
+    ROS_MAP,
+    ROS_MAP_ZIP,
+    STL,
+    SVG,
+    USDZ,
+    WEBP,
+    XYZ,
+    Media,
+    Purpose,
+    listed,
+)
 
 HEAD_BYTES = 1 << 16
 """How much of a file is looked at here; what a reader needs beyond that, its job finds."""
@@ -28,96 +47,17 @@ _ROS_IMAGE = re.compile(rb"^image[ \t]*:", re.MULTILINE)
 _BY_THE_WAY = re.compile(rb"/$|(?:^|/)(?:__MACOSX/|\.)", re.IGNORECASE)
 _LEVELS = re.compile(rb"^levels[ \t]*:", re.MULTILINE)
 
-
-class Purpose(StrEnum):
-    """What a file is uploaded as."""
-
-    DRAWING = "drawing"
-    SCAN = "scan"
-
-
-@dataclass(frozen=True)
-class Media:
-    """Hold what a file is.
-
-    Parameters
-    ----------
-    name : str
-        For people, with its article: "a PNG image".
-    media_type : str
-        Its registered (or usual) media type.
-    fits : Purpose, optional
-        What it can be uploaded as; None for a kind that is not read.
-    advice : str
-        What to do with a kind that is not read.
-    """
-
-    name: str
-    media_type: str
-    fits: Purpose | None = None
-    advice: str = ""
-
-
 _UNPACK = (
     "Archives are not read, but for a ZIP of a ROS map (map.yaml and its image): unpack it and upload the "
     "drawing or the scan alone."
 )
 _EXPORT_IMAGE = "Images of this kind are not read: save it as PNG."
 
-PNG = Media("a PNG image", "image/png", Purpose.DRAWING)
-JPEG = Media("a JPEG image", "image/jpeg", Purpose.DRAWING)
-TIFF = Media("a TIFF image", "image/tiff", Purpose.DRAWING)
-BMP = Media("a BMP image", "image/bmp", Purpose.DRAWING)
-WEBP = Media("a WebP image", "image/webp", Purpose.DRAWING)
-PDF = Media("a PDF document", "application/pdf", Purpose.DRAWING)
-DXF = Media("a DXF drawing", "image/vnd.dxf", Purpose.DRAWING)
-DWG = Media("a DWG drawing", "image/vnd.dwg", Purpose.DRAWING)
-SVG = Media("an SVG drawing", "image/svg+xml", Purpose.DRAWING)
-IFC = Media("an IFC or STEP model", "application/x-step", Purpose.DRAWING)
-PGM = Media("a PGM image of a robot's map", "image/x-portable-graymap", Purpose.DRAWING)
-ROS_MAP = Media("a ROS map.yaml", "application/vnd.groundplan.ros-map", Purpose.DRAWING)
-ROS_MAP_ZIP = Media("a ZIP of a ROS map", "application/vnd.groundplan.ros-map+zip", Purpose.DRAWING)
-BUILDING_YAML = Media("an Open-RMF building.yaml", "application/vnd.groundplan.building", Purpose.DRAWING)
-PLY = Media("a PLY point cloud", "application/vnd.groundplan.ply", Purpose.SCAN)
-PCD = Media("a PCD point cloud", "application/vnd.groundplan.pcd", Purpose.SCAN)
-LAS = Media("a LAS or LAZ point cloud", "application/vnd.las", Purpose.SCAN)
-E57 = Media("an E57 point cloud", "model/e57", Purpose.SCAN)
-GLB = Media("a GLB model", "model/gltf-binary", Purpose.SCAN)
-OBJ = Media("an OBJ model", "model/obj", Purpose.SCAN)
-STL = Media("an STL model", "model/stl", Purpose.SCAN)
-USD = Media("a USD model", "model/vnd.usd", Purpose.SCAN)
-USDZ = Media("a USDZ model", "model/vnd.usdz+zip", Purpose.SCAN)
-XYZ = Media("a list of numbers (XYZ, PTS or CSV)", "text/plain", Purpose.SCAN)
 _ZIP = Media("a ZIP archive (or a DOCX, XLSX or 3MF file)", "application/zip", advice=_UNPACK)
 _TEXT = Media("a text file", "text/plain", advice="It is neither a drawing nor a scan.")
 _UNKNOWN = Media("of no kind that is known here", "application/octet-stream", advice="")
 
-_TAKEN = {
-    Purpose.DRAWING: "PNG, JPEG, TIFF, BMP or WebP images, PDF, DXF, DWG, SVG or IFC files, a ZIP of a ROS "
-    "map.yaml with its image, or an Open-RMF building.yaml",
-    Purpose.SCAN: "PLY, PCD, LAS, LAZ, E57, XYZ, PTS or CSV point clouds, or OBJ, GLB, STL, USDZ or PLY "
-    "meshes",
-}
-
-_MAGIC: tuple[tuple[bytes, Media], ...] = (
-    (b"\x89PNG\r\n\x1a\n", PNG),
-    (b"\xff\xd8\xff", JPEG),
-    (b"II*\x00", TIFF),
-    (b"MM\x00*", TIFF),
-    (b"II+\x00", TIFF),
-    (b"MM\x00+", TIFF),
-    (b"ply\n", PLY),
-    (b"ply\r", PLY),
-    (b"# .PCD", PCD),
-    (b"%PDF-", PDF),
-    (b"AC10", DWG),
-    (b"AutoCAD Binary DXF", DXF),
-    (b"ISO-10303-21;", IFC),
-    (b"glTF", GLB),
-    (b"LASF", LAS),
-    (b"ASTM-E57", E57),
-    (b"PXR-USDC", USD),
-    (b"#usda ", USD),
+_UNREAD: tuple[tuple[bytes, Media], ...] = (
     (b"PK\x05\x06", _ZIP),
     (b"7z\xbc\xaf\x27\x1c", Media("a 7z archive", "application/x-7z-compressed", advice=_UNPACK)),
     (b"Rar!\x1a\x07", Media("a RAR archive", "application/vnd.rar", advice=_UNPACK)),
@@ -125,6 +65,7 @@ _MAGIC: tuple[tuple[bytes, Media], ...] = (
     (b"GIF8", Media("a GIF image", "image/gif", advice=_EXPORT_IMAGE)),
     (b"8BPS", Media("a Photoshop image", "image/vnd.adobe.photoshop", advice=_EXPORT_IMAGE)),
 )
+_MAGIC = tuple((magic, media) for media in FORMATS for magic in media.begins) + _UNREAD
 _HTML = Media("a web page", "text/html", advice="The download may have saved an error page instead.")
 _HEIC = Media("a HEIC, AVIF or MP4 file", "image/heic", advice=_EXPORT_IMAGE)
 
@@ -182,7 +123,7 @@ def accept(head: bytes, purpose: Purpose) -> Media:
     media = recognise(head)
     if media.fits is purpose:
         return media
-    taken = _TAKEN[purpose]
+    taken = listed(purpose)
     advice = media.advice or f"A {purpose} is taken as one of: {taken}."
     if media.fits is not None:
         advice = f"Upload it as a {media.fits}, or take another file: {purpose}s are {taken}."

@@ -7,35 +7,10 @@ from typing import Any, Self
 
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError, ReaderCrashed, ReadingTooCostly
+from service.domain.formats import Media
 from service.domain.headers import Told, check_header
 from service.domain.job_limits import JobLimits, Limit, Limits, Usage
-from service.domain.media import (
-    BMP,
-    BUILDING_YAML,
-    DWG,
-    DXF,
-    E57,
-    GLB,
-    IFC,
-    JPEG,
-    LAS,
-    OBJ,
-    PCD,
-    PDF,
-    PGM,
-    PLY,
-    PNG,
-    ROS_MAP_ZIP,
-    STL,
-    SVG,
-    TIFF,
-    USD,
-    USDZ,
-    WEBP,
-    XYZ,
-    Media,
-    recognise,
-)
+from service.domain.media import recognise
 
 STEP_CPU_S = 10.0
 """CPU for each further step of what is promised: a scan of a hall takes 9 s a million points."""
@@ -46,9 +21,6 @@ STEP_POINTS, STEP_PIXELS, STEP_CAD_BYTES = 1_000_000, 10_000_000, 10_000_000
 _GIB = 1 << 30
 _BYTES_PER_POINT = 180
 _BYTES_PER_PIXEL = 12
-_LEAST_POINT_BYTES = {PLY: 3, PCD: 1, LAS: 1, XYZ: 6, OBJ: 8, STL: 12, E57: 2, GLB: 2, USD: 2, USDZ: 2}
-_MOST_PIXELS_PER_BYTE = dict.fromkeys((PNG, JPEG, TIFF, WEBP, PDF, ROS_MAP_ZIP), 256) | {BMP: 8, PGM: 1}
-_CAD = frozenset({DXF, DWG, SVG, IFC, PDF, BUILDING_YAML})
 
 
 @dataclass(frozen=True)
@@ -89,8 +61,8 @@ class Promise:
         return cls(
             points=_points(media, told, size_bytes, bounds),
             pixels=_pixels(media, told, size_bytes, bounds),
-            cad_bytes=size_bytes if media in _CAD else 0,
-            apart_bytes={IFC: bounds.max_model_memory_bytes, DWG: bounds.max_dwg_memory_bytes}.get(media, 0),
+            cad_bytes=size_bytes if media.is_cad else 0,
+            apart_bytes=getattr(bounds, media.memory_bound) if media.memory_bound else 0,
         )
 
     def cpu_s(self, base_s: float) -> float:
@@ -194,14 +166,14 @@ def reader_crashed(file_name: str, *, how: str) -> ReaderCrashed:
 
 
 def _points(media: Media, told: Told, size_bytes: int, bounds: Bounds) -> int:
-    if media not in _LEAST_POINT_BYTES:
+    if media.least_point_bytes is None:
         return 0
-    points = told.points if told.points is not None else size_bytes // _LEAST_POINT_BYTES[media]
+    points = told.points if told.points is not None else size_bytes // media.least_point_bytes
     return min(points, bounds.max_points)
 
 
 def _pixels(media: Media, told: Told, size_bytes: int, bounds: Bounds) -> int:
-    if media not in _MOST_PIXELS_PER_BYTE:
+    if media.most_pixels_per_byte is None:
         return 0
-    pixels = told.pixels if told.pixels is not None else size_bytes * _MOST_PIXELS_PER_BYTE[media]
+    pixels = told.pixels if told.pixels is not None else size_bytes * media.most_pixels_per_byte
     return min(pixels, bounds.max_pixels)

@@ -16,9 +16,10 @@ from service.domain.access import Actor
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import FileEmpty, UploadExpired, UploadNotFound, UploadTooLarge
+from service.domain.formats import Purpose
 from service.domain.headers import check_header
 from service.domain.lifecycle import Role
-from service.domain.media import HEAD_BYTES, Purpose, accept
+from service.domain.media import HEAD_BYTES, accept
 from service.domain.scan_options import SaidOfScan
 from service.storage.pieces import Appender, PieceStore
 from service.storage.room import BLOBS, PIECES

@@ -1,4 +1,4 @@
-"""The page of journeys names functions that are there, and every name on it is looked at."""
+"""Journeys and recipes name files and functions that are there, and every name in them is looked at."""
 
 from __future__ import annotations
 
@@ -7,31 +7,57 @@ import re
 
 import pytest
 
-from tests.architecture.sources import ROOT, trees
+from service.domain.lifecycle import JobKind
+from tests.architecture.sources import ROOT
+from worker.registry import HANDLERS
 
-PAGE = (ROOT / "docs" / "journeys.md").read_text(encoding="utf-8")
-NAMED = sorted(set(re.findall(r"`((?:service|worker)/[\w/]+\.py)(?::([\w.]+))?`", PAGE)))
+JOURNEYS = (ROOT / "docs" / "journeys.md").read_text(encoding="utf-8")
+RECIPES = (
+    (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Recipes")[2].partition("\n## ")[0]
+)
+_NAMED = re.compile(r"`((?:service|worker|tests|docs)/[\w/.]*[\w/])(?::([\w.]+))?`")
+_FILE = re.compile(r"`[^` ]*[/.][^` ]*`")
+_TOOLS = re.compile(r"`(?:tools|poe)\b")
+NAMED = sorted(set(_NAMED.findall(JOURNEYS + RECIPES)))
 
 
 def _names(body: list[ast.stmt], before: str = "") -> set[str]:
-    """Return functions and classes, methods with their class."""
+    """Return functions, classes and values, those of a class with their class."""
     found = set()
     for node in body:
         if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef):
             found.add(before + node.name)
         elif isinstance(node, ast.ClassDef):
             found |= {before + node.name} | _names(node.body, f"{before}{node.name}.")
+        elif isinstance(node, ast.Assign | ast.AnnAssign):
+            targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+            found |= {before + target.id for target in targets if isinstance(target, ast.Name)}
     return found
 
 
 @pytest.mark.parametrize(("path", "name"), NAMED)
-def test_a_step_of_a_journey_is_in_the_sources(path: str, name: str) -> None:
-    assert path in trees()
-    assert not name or name in _names(trees()[path].body)
+def test_a_step_is_in_the_sources(path: str, name: str) -> None:
+    assert (ROOT / path).exists()
+    assert not name or name in _names(ast.parse((ROOT / path).read_text(encoding="utf-8")).body)
 
 
-def test_there_are_five_journeys_and_no_step_is_named_otherwise() -> None:
-    assert len(re.findall(r"^## ", PAGE, flags=re.MULTILINE)) == 5
-    assert len(re.findall(r"`[^`]*\.py[^`]*`", PAGE)) == len(
-        re.findall(r"`(?:service|worker)/[\w/]+\.py(?::[\w.]+)?`", PAGE)
-    )
+@pytest.mark.parametrize("page", [JOURNEYS, RECIPES], ids=["journeys", "recipes"])
+def test_no_step_is_named_otherwise(page: str) -> None:
+    files = [name for name in _FILE.findall(page) if not _TOOLS.match(name)]
+    assert len(files) > 10
+    assert [name for name in files if not _NAMED.fullmatch(name)] == []
+
+
+def test_there_are_five_journeys_and_four_recipes() -> None:
+    assert len(re.findall(r"^## ", JOURNEYS, flags=re.MULTILINE)) == 5
+    assert re.findall(r"^### (.+)", RECIPES, flags=re.MULTILINE) == [
+        "A format",
+        "A finding",
+        "A kind of job",
+        "An evidence of placement",
+    ]
+
+
+def test_every_kind_of_job_has_a_handler_of_its_own() -> None:
+    assert set(HANDLERS) == set(JobKind)
+    assert len(set(HANDLERS.values())) == len(HANDLERS)

@@ -18,8 +18,9 @@ from service.domain.errors import (
     TooManyPoints,
     UnsupportedMedia,
 )
+from service.domain.formats import JPEG, Purpose
 from service.domain.headers import check_header
-from service.domain.media import HEAD_BYTES, JPEG, Purpose, accept, recognise
+from service.domain.media import HEAD_BYTES, accept, recognise
 from tests import files
 
 

@@ -15,19 +15,21 @@ from typing import TYPE_CHECKING, Any
 
 from service.domain.drawing_options import DrawingOptions
 from service.domain.errors import InvalidRequest, NotFound, ScaleUnknown
+from service.domain.formats import Purpose, listed
 from service.domain.recipe import MapFromDrawing, Recipe
 from service.domain.scale_hint import KnownLength, ScaleHint
 
 if TYPE_CHECKING:
     from worker.geometry.drawing.reading.reading import Reading
 
-_KINDS = "PNG, JPEG, TIFF, BMP, WebP, PDF, DXF, DWG, SVG, IFC, ROS map.yaml or Open-RMF building.yaml"
 _MOST_EDITS_BYTES = 16 << 20
 
 
 def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``read`` or ``build``."""
-    parser.add_argument("drawing", type=Path, metavar="DRAWING", help=_KINDS)
+    parser.add_argument(
+        "drawing", type=Path, metavar="DRAWING", help=listed(Purpose.DRAWING, with_others=True)
+    )
     scale = parser.add_argument_group("scale (one of these; else what the drawing itself shows)")
     scale.add_argument("--scale", metavar="1:N", help="scale of the sheet; needs --dpi")
     scale.add_argument("--dpi", type=float, help="pixels an inch of the sheet; else what the file states")

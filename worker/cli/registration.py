@@ -13,6 +13,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from service.domain.errors import InvalidRequest, NotFound
+from service.domain.formats import Purpose, listed
 from service.domain.scan_options import ScanOptions
 
 if TYPE_CHECKING:
@@ -22,9 +23,7 @@ if TYPE_CHECKING:
 def add_arguments(name: str, parser: argparse.ArgumentParser) -> None:
     """Add the arguments of ``align`` or ``merge``."""
     if name == "align":
-        parser.add_argument(
-            "scan", type=Path, metavar="SCAN", help="a point cloud or a mesh of any kind that is read"
-        )
+        parser.add_argument("scan", type=Path, metavar="SCAN", help=listed(Purpose.SCAN))
         parser.add_argument(
             "--scan-up", metavar="AXIS", help="its up axis: x, y, z, or --scan-up=-y; else it is found"
         )

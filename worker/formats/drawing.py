@@ -9,13 +9,12 @@ from pathlib import Path
 from service.domain.bounds import Bounds
 from service.domain.drawing_options import DrawingOptions
 from service.domain.edits import LAYERS
-from service.domain.errors import NoWallsFound, UnsupportedMedia
-from service.domain.media import (
+from service.domain.errors import NoWallsFound
+from service.domain.formats import (
     BMP,
     BUILDING_YAML,
     DWG,
     DXF,
-    HEAD_BYTES,
     IFC,
     JPEG,
     PDF,
@@ -28,8 +27,8 @@ from service.domain.media import (
     WEBP,
     Media,
     Purpose,
-    accept,
 )
+from service.domain.media import HEAD_BYTES, accept
 from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.reading import read_linework
@@ -116,13 +115,8 @@ class _File:
 def _load(file: _File) -> Sheet | Linework | Reading:
     """Return what the file holds, by the loader of its kind."""
     with file.path.open("rb") as opened:
-        media = accept(opened.read(HEAD_BYTES), Purpose.DRAWING)
-    if media not in _LOADERS:
-        raise UnsupportedMedia(
-            f"{file.path.name} is {media.name}, which is not read here: export the sheet as a PNG image.",
-            found=media.media_type,
-        )
-    return _LOADERS[media](file)
+        found = accept(opened.read(HEAD_BYTES), Purpose.DRAWING)
+    return LOADERS[found](file)
 
 
 def _read(loaded: Sheet | Linework | Reading, file: _File) -> Reading:
@@ -259,7 +253,7 @@ def _building_yaml(file: _File) -> Reading:
     )
 
 
-_LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
+LOADERS: Mapping[Media, Callable[[_File], Sheet | Linework | Reading]] = {
     PNG: _raster,
     JPEG: _raster,
     TIFF: _raster,

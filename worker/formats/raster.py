@@ -1,4 +1,4 @@
-"""Scanned or exported drawings (PNG, JPEG, TIFF, BMP, WebP) to a sheet of grey pixels."""
+"""Scanned or exported drawings, images of pixels, to a sheet of grey pixels."""
 
 from __future__ import annotations
 
@@ -51,7 +51,7 @@ def load_sheet(path: Path, *, bounds: Bounds | None = None, page: int | None = N
     Parameters
     ----------
     path : Path
-        PNG, JPEG, TIFF, BMP or WebP; 1, 8 or 16 bits, grey, palette, RGB or CMYK, with or without
+        An image; 1, 8 or 16 bits, grey, palette, RGB or CMYK, with or without
         transparency.
     bounds : Bounds, optional
         `max_pixels` is the largest image that is decoded.
@@ -134,8 +134,8 @@ def _open(path: Path) -> Iterator[bytes]:
         raise FileEmpty(f"{path.name} has no bytes; upload the drawing again.")
     if not head.startswith(_MAGIC) or (head.startswith(b"RIFF") and head[8:12] not in (b"WEBP", b"")):
         raise UnsupportedMedia(
-            f"{path.name} does not begin as a PNG, JPEG, TIFF, BMP or WebP image, whatever its name says; "
-            "export the drawing as one of these."
+            f"{path.name} does not begin as an image of a kind that is read, whatever its name says; "
+            "export the drawing as a PNG image."
         )
     if head.startswith(b"RIFF"):
         stated = int.from_bytes(head[4:8], "little") + 8

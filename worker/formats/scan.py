@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from functools import partial
 from pathlib import Path
 
-from service.domain import media
 from service.domain.bounds import Bounds
-from service.domain.errors import FileEmpty, UnsupportedMedia
+from service.domain.formats import E57, GLB, LAS, OBJ, PCD, PLY, STL, USD, USDZ, XYZ, Media, Purpose
+from service.domain.media import HEAD_BYTES, accept
 from service.domain.scan_options import ScanOptions
 from worker.formats.glb import load_glb
 from worker.formats.mesh import load_obj, load_stl
@@ -27,14 +27,14 @@ def load_scan(path: Path, bounds: Bounds | None = None) -> FileScan:
     Parameters
     ----------
     path : Path
-        A PLY, PCD, LAS, LAZ, E57, XYZ, PTS, CSV, OBJ, GLB, STL, USDZ, USDC or USDA file.
+        A file of a format that is taken as a scan (`service.domain.formats`).
     bounds : Bounds, optional
         The most points to read; for LAS, E57 and USD also the most memory and time.
 
     Raises
     ------
     UnsupportedMedia
-        If the bytes begin like none of these.
+        If the bytes begin like none of them.
     FileEmpty
         If the file has no bytes, or no point.
     Rejected
@@ -42,34 +42,25 @@ def load_scan(path: Path, bounds: Bounds | None = None) -> FileScan:
     """
     path, bounds = Path(path), bounds or Bounds()
     with path.open("rb") as file:
-        head = file.read(media.HEAD_BYTES)
-    if not head:
-        raise FileEmpty("The scan has no bytes.")
-    found = media.recognise(head)
-    loader = _LOADERS.get(found)
-    if loader is None:
-        raise UnsupportedMedia(
-            f"The scan is {found.name}, by its own first bytes; PLY, PCD, LAS, LAZ, E57, XYZ, PTS and CSV "
-            "point clouds and OBJ, GLB, STL, USDZ and PLY meshes are read."
-        )
-    return loader(path, bounds=bounds)
+        found = accept(file.read(HEAD_BYTES), Purpose.SCAN)
+    return LOADERS[found](path, bounds=bounds)
 
 
 def _load_pcd(path: Path, *, bounds: Bounds) -> FileScan:
     return FileScan(read_pcd(path, bounds), "PCD")
 
 
-_LOADERS: dict[media.Media, Callable[..., FileScan]] = {
-    media.PLY: load_ply,
-    media.PCD: _load_pcd,
-    media.XYZ: load_xyz,
-    media.OBJ: load_obj,
-    media.STL: load_stl,
-    media.LAS: partial(load_apart, "las"),
-    media.E57: partial(load_apart, "e57"),
-    media.GLB: load_glb,
-    media.USD: partial(load_apart, "usd"),
-    media.USDZ: partial(load_apart, "usd"),
+LOADERS: Mapping[Media, Callable[..., FileScan]] = {
+    PLY: load_ply,
+    PCD: _load_pcd,
+    XYZ: load_xyz,
+    OBJ: load_obj,
+    STL: load_stl,
+    LAS: partial(load_apart, "las"),
+    E57: partial(load_apart, "e57"),
+    GLB: load_glb,
+    USD: partial(load_apart, "usd"),
+    USDZ: partial(load_apart, "usd"),
 }
 
 

@@ -18,7 +18,7 @@ from service.api.schemas.drawing_form import FORM
 from service.api.schemas.drawings import DrawingAccepted, DrawingOut, DrawingPatch
 from service.db.session import Session
 from service.domain.drawing_options import DrawingOptions
-from service.domain.media import Purpose
+from service.domain.formats import Purpose
 from service.usecases.answer import Answered
 from service.usecases.drawings import covered_drawing, drawing_file, list_drawings, reread_drawing
 from service.usecases.receive_drawing import receive_drawing

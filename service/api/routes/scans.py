@@ -16,7 +16,7 @@ from service.api.receive import SendingDep, receive
 from service.api.schemas.base import Page
 from service.api.schemas.scans import FORM, ScanAccepted, ScanOut, said_of
 from service.db.session import Session
-from service.domain.media import Purpose
+from service.domain.formats import Purpose
 from service.domain.scan_options import SaidOfScan
 from service.usecases.answer import Answered
 from service.usecases.receive_file import ReceivedFile

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from service.api.schemas.base import JsonObject
+from service.domain.formats import Purpose, listed
 
 FORM: JsonObject = {
     "requestBody": {
@@ -16,9 +17,7 @@ FORM: JsonObject = {
                         "file": {
                             "type": "string",
                             "format": "binary",
-                            "description": "PNG, JPEG, TIFF, BMP, WebP, PDF, DXF, DWG, SVG, IFC, a ZIP of "
-                            "a ROS map.yaml with its image, or an Open-RMF building.yaml; its own bytes "
-                            "decide, not its name.",
+                            "description": f"{listed(Purpose.DRAWING)}; its own bytes decide, not its name.",
                         },
                         "scale": {
                             "type": "string",

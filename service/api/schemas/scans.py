@@ -14,6 +14,7 @@ from service.api.schemas.jobs import JobOut
 from service.api.schemas.kept import Kept
 from service.db.uploads import ScanRow
 from service.domain.errors import InvalidRequest
+from service.domain.formats import Purpose, listed
 from service.domain.rough_pose import RoughPose
 from service.domain.scan_options import UNITS, UP_AXES, SaidOfScan, ScanOptions
 
@@ -29,8 +30,8 @@ FORM: JsonObject = {
                         "file": {
                             "type": "string",
                             "format": "binary",
-                            "description": "PLY, PCD, LAS, LAZ, E57, XYZ, PTS, CSV, OBJ, GLB, STL or USDZ; "
-                            "its own bytes decide, not its name. Unit and up axis are found.",
+                            "description": f"{listed(Purpose.SCAN)}; its own bytes decide, not its name. "
+                            "Unit and up axis are found.",
                         },
                         "up": {
                             "type": "string",

@@ -10,7 +10,7 @@ from typing import Any
 
 from service.api.bodies import clean_name
 from service.domain.errors import InvalidRequest, TusExtensionNotOffered
-from service.domain.media import Purpose
+from service.domain.formats import Purpose
 from service.usecases.resumable_upload import Announced
 
 VERSION = "1.0.0"

@@ -57,7 +57,7 @@ const en = {
   "map.sendDrawing": "Send a drawing",
   "map.sendScan": "Send a scan",
   "map.open": "Open",
-  "map.noDrawing": "Send the building's drawing: DXF, DWG, PDF, SVG, IFC or a picture.",
+  "map.noDrawing": "Send the building's drawing: a CAD or BIM file, a PDF or a picture.",
   "map.noScan": "Scans come from the tablet page, or from here.",
   "map.place": "Place",
   "map.correct": "Correct",

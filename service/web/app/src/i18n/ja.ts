@@ -59,7 +59,7 @@ const ja: Words = {
   "map.sendDrawing": "図面を送る",
   "map.sendScan": "スキャンを送る",
   "map.open": "開く",
-  "map.noDrawing": "建物の図面を送ってください。DXF、DWG、PDF、SVG、IFC、画像が使えます。",
+  "map.noDrawing": "建物の図面を送ってください。CADやBIMのファイル、PDF、画像が使えます。",
   "map.noScan": "スキャンはタブレットのページか、ここから送れます。",
   "map.place": "位置合わせ",
   "map.correct": "修正",

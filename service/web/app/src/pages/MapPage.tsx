@@ -42,13 +42,12 @@ async function look(mapId: string) {
 
 interface SendFileProps {
   label: string;
-  accept?: string;
   to: string;
   sent: () => void;
   failed: (cause: unknown) => void;
 }
 
-function SendFile({ label, accept, to, sent, failed }: SendFileProps) {
+function SendFile({ label, to, sent, failed }: SendFileProps) {
   const [busy, setBusy] = useState(false);
   const picked = async (input: HTMLInputElement) => {
     const file = input.files?.[0];
@@ -63,13 +62,7 @@ function SendFile({ label, accept, to, sent, failed }: SendFileProps) {
   return (
     <label class="button" aria-busy={busy}>
       {busy ? `${t("tablet.sending")}…` : label}
-      <input
-        class="hidden"
-        type="file"
-        accept={accept}
-        disabled={busy}
-        onChange={(event) => void picked(event.currentTarget)}
-      />
+      <input class="hidden" type="file" disabled={busy} onChange={(event) => void picked(event.currentTarget)} />
     </label>
   );
 }
