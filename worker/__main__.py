@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import secrets
 import signal
@@ -24,8 +25,13 @@ from worker.figures import Figures
 from worker.runner import NoChild, Runner, Terms
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Run a worker and return its exit status: 0 when told to stop, 1 when its children cannot start."""
+    argparse.ArgumentParser(
+        prog="python -m worker",
+        description="Run jobs until SIGTERM or SIGINT. Settings come from the environment (GROUNDPLAN_...); "
+        "`groundplan worker` takes the folder of files as an option.",
+    ).parse_args(argv)
     settings = Settings()
     logs.configure(level=settings.log_level)
     crash_points.arm_from(settings.crash_at, folder=settings.data_dir)

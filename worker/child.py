@@ -6,6 +6,7 @@ its faults with it when it ends; the warm child itself never runs a job.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import gc
 import json
@@ -125,6 +126,14 @@ def _failure(context: JobContext, error: Exception) -> dict[str, Any]:
     return {"why": "defect", "last": f"a defect ({type(error).__name__})"}
 
 
+def _parent() -> int:
+    """Return the process that started this one, as its argument says."""
+    parser = argparse.ArgumentParser(prog="python -m worker.child", description="The worker starts this.")
+    parser.add_argument("parent", type=int, help="the worker's process id: when it ends, so does this")
+    found: int = parser.parse_args().parent
+    return found
+
+
 def _die_with(parent: int) -> None:
     """Let the kernel kill this process when its parent dies; exit at once if that has happened already."""
     libc = ctypes.CDLL(None, use_errno=True)
@@ -156,4 +165,4 @@ def _kernel(settings: Settings) -> Kernel:
 
 
 if __name__ == "__main__":
-    sys.exit(main(int(sys.argv[1])))
+    sys.exit(main(_parent()))

@@ -19,11 +19,11 @@ def trees() -> dict[str, ast.Module]:
 
 @cache
 def names_used_outside(path: str) -> frozenset[str]:
-    """Return every name that the product uses in another file than `path`, imports left out."""
+    """Return every name that the product uses outside of a file or a folder, imports left out."""
     return frozenset(
         node.id if isinstance(node, ast.Name) else node.attr
         for other, tree in trees().items()
-        if other != path
+        if not other.startswith(path)
         for node in ast.walk(tree)
         if isinstance(node, ast.Name | ast.Attribute)
     )

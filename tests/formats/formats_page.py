@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 from pathlib import Path
 
 from service.domain.formats import FORMATS, Media, Purpose
@@ -35,4 +36,5 @@ def _row(one: Media) -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     PAGE.write_text(text(), encoding="utf-8")

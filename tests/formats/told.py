@@ -6,6 +6,7 @@ The file made here holds what the service itself writes, as TypeScript that has 
 
 from __future__ import annotations
 
+import argparse
 import json
 import tempfile
 from pathlib import Path
@@ -94,4 +95,5 @@ def text() -> str:
 
 
 if __name__ == "__main__":
+    argparse.ArgumentParser(description=__doc__).parse_args()
     TOLD.write_text(text(), encoding="utf-8")

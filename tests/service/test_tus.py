@@ -1,18 +1,12 @@
-"""Uploads in pieces: tus 1.0 against the real service, which is killed on the way."""
+"""Uploads in pieces: tus 1.0 against the real service."""
 
 from __future__ import annotations
 
-import base64
-import hashlib
 import json
 import os
-import signal
-import socket
 import threading
 import time
-from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 import httpx
 import pytest
@@ -21,19 +15,26 @@ from service.settings import Settings
 from service.storage.pieces import PieceStore
 from service.usecases.resumable_upload import sweep_uploads
 from tests import files, web
-from tests.server import ClientFor, Server, new_client, running, start
-
-PLY = files.ply(files.room(200_000))
-SHA256 = hashlib.sha256(PLY).hexdigest()
-TUS = {"Tus-Resumable": "1.0.0"}
-PIECE = TUS | {"Content-Type": "application/offset+octet-stream"}
-
-
-def new_map(admin: httpx.Client, name: str) -> str:
-    made = admin.post("/v1/maps", json={"site": "tus", "name": name})
-    assert made.status_code == 201, made.text
-    identifier: str = made.json()["id"]
-    return identifier
+from tests.server import ClientFor, Server, new_client, running
+from tests.service.tus_client import (
+    PIECE,
+    PLY,
+    SHA256,
+    TUS,
+    begin,
+    checksum,
+    create,
+    metadata,
+    new_map,
+    offset,
+    offset_when_free,
+    piece,
+    problem,
+    scans,
+    slow_piece,
+    stored,
+    wait_until_stored,
+)
 
 
 @pytest.fixture(scope="module")
@@ -44,88 +45,6 @@ def map_id(admin: httpx.Client) -> str:
 @pytest.fixture(scope="module")
 def tablet(client_for: ClientFor) -> httpx.Client:
     return client_for("tablet")
-
-
-def metadata(**values: str) -> str:
-    return ",".join(f"{key} {base64.b64encode(value.encode()).decode()}" for key, value in values.items())
-
-
-def create(client: httpx.Client, map_id: str, *, size: int = len(PLY), **more: Any) -> httpx.Response:
-    headers = more.pop("headers", {})
-    said = {"map_id": map_id, "kind": "scan", "filename": "room.ply"} | more
-    told = TUS | {"Upload-Length": str(size), "Upload-Metadata": metadata(**said)}
-    return client.post("/v1/tus", headers=told | headers)
-
-
-def begin(client: httpx.Client, map_id: str, **more: Any) -> str:
-    answer = create(client, map_id, **more)
-    assert answer.status_code == 201, answer.text
-    location: str = answer.headers["location"]
-    return location
-
-
-def offset(client: httpx.Client, location: str) -> int:
-    answer = client.head(location, headers=TUS)
-    assert answer.status_code == 200, answer.status_code
-    return int(answer.headers["upload-offset"])
-
-
-def offset_when_free(client: httpx.Client, location: str) -> int:
-    """Return the offset after whoever writes has ended."""
-    deadline = time.monotonic() + 20
-    while (answer := client.head(location, headers=TUS)).status_code == 423:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    assert answer.status_code == 200, answer.status_code
-    return int(answer.headers["upload-offset"])
-
-
-def piece(client: httpx.Client, location: str, at: int, content: bytes, **headers: str) -> httpx.Response:
-    told = PIECE | {"Upload-Offset": str(at)} | headers
-    return client.patch(location, headers=told, content=content)
-
-
-def checksum(content: bytes, algorithm: str = "sha1") -> str:
-    return f"{algorithm} {base64.b64encode(hashlib.new(algorithm, content).digest()).decode()}"
-
-
-def problem(answer: httpx.Response, status: int, slug: str) -> dict[str, Any]:
-    assert answer.status_code == status, answer.text
-    assert answer.headers["tus-resumable"] == "1.0.0"
-    body: dict[str, Any] = answer.json()
-    assert body["type"].endswith(f"/problems/{slug}"), body
-    return body
-
-
-def stored(server: Server, location: str) -> Path:
-    return server.settings.data_dir / "uploads" / location.rpartition("/")[2]
-
-
-def slow_piece(server: Server, key: str, location: str, at: int, content: bytes) -> socket.socket:
-    """Return a connection that has sent the head of a PATCH for the rest of the file, and `content` of it."""
-    address = httpx.URL(server.url)
-    connection = socket.create_connection((address.host, address.port or 80))
-    connection.sendall(
-        (
-            f"PATCH {httpx.URL(location).path} HTTP/1.1\r\nHost: x\r\nAuthorization: {key}\r\n"
-            f"Tus-Resumable: 1.0.0\r\nContent-Type: {PIECE['Content-Type']}\r\nUpload-Offset: {at}\r\n"
-            f"Content-Length: {len(PLY) - at}\r\n\r\n"
-        ).encode()
-        + content
-    )
-    return connection
-
-
-def wait_until_stored(path: Path, least: int) -> None:
-    deadline = time.monotonic() + 20
-    while not path.exists() or path.stat().st_size < least:
-        assert time.monotonic() < deadline, f"{path} has only {path.stat().st_size} bytes"
-        time.sleep(0.01)
-
-
-def scans(client: httpx.Client, map_id: str) -> list[dict[str, Any]]:
-    rows: list[dict[str, Any]] = client.get(f"/v1/maps/{map_id}/scans", params={"limit": 200}).json()["items"]
-    return rows
 
 
 def test_options_need_no_key(server: Server) -> None:
@@ -345,101 +264,6 @@ def test_many_finishers_make_one_scan(server: Server, tablet: httpx.Client, admi
         thread.join()
     assert len(results) == 6
     assert [f"/v1/scans/{row['id']}" for row in scans(tablet, map_id)] == sorted(set(results))
-
-
-@pytest.fixture
-def killable() -> Iterator[list[Server]]:
-    """Give a list of servers that are closed at the end."""
-    servers: list[Server] = []
-    yield servers
-    for server in servers:
-        server.close()
-
-
-def test_a_service_killed_within_a_piece_goes_on_where_the_disk_is(
-    tmp_path: Path, killable: list[Server]
-) -> None:
-    settings = Settings(data_dir=tmp_path / "data")
-    killable.append(start(settings))
-    key = killable[0].admin_key
-    map_id = new_map(killable[0].client(key), "killed")
-    at, path = 0, Path()
-    location = begin(killable[0].client(key), map_id)
-    for _ in range(3):
-        server = killable[-1]
-        location = f"{server.url}{httpx.URL(location).path}"
-        path = stored(server, location)
-        with slow_piece(server, f"Bearer {key}", location, at, PLY[at : at + 700_000 + (1 << 20)]):
-            wait_until_stored(path, at + 500_000)
-            server.stop(signal.SIGKILL)
-        killable.append(start(settings, admin_key=key))
-        location = f"{killable[-1].url}{httpx.URL(location).path}"
-        size = path.stat().st_size
-        assert offset(killable[-1].client(key), location) == size
-        assert path.read_bytes() == PLY[:size]
-        at = size
-        if size > len(PLY) - (2 << 20):
-            break
-    client = killable[-1].client(key)
-    done = piece(client, location, at, PLY[at:])
-    scan = client.get(done.headers["groundplan-result"]).json()
-    assert scan["sha256"] == SHA256
-    assert killable[-1].kernel.blobs.path(SHA256).read_bytes() == PLY
-    assert len(scans(client, map_id)) == 1
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(
-    ("point", "verified"),
-    [
-        ("create-upload.before-commit", False),
-        ("create-upload.after-commit", False),
-        ("upload.before-fsync", False),
-        ("upload.after-fsync", False),
-        ("upload.before-fsync", True),
-        ("upload.after-fsync", True),
-        ("blob.before-fsync", False),
-        ("blob.before-rename", False),
-        ("blob.after-rename", False),
-        ("finish-upload.before-commit", False),
-        ("finish-upload.after-commit", False),
-    ],
-)
-def test_a_kill_at_any_point_of_an_upload_ends_in_one_scan(
-    tmp_path: Path, killable: list[Server], point: str, *, verified: bool
-) -> None:
-    settings = Settings(data_dir=tmp_path / "data")
-    killable.append(start(settings, GROUNDPLAN_CRASH_AT=point))
-    key = killable[0].admin_key
-    map_id = new_map(killable[0].client(key), "points")
-    result = _upload(killable, settings, map_id, verified=verified)
-    client = killable[-1].client(key)
-    assert len(killable) == 2, "the crash point was not reached"
-    assert killable[0].process.returncode == -signal.SIGKILL
-    assert [f"/v1/scans/{row['id']}" for row in scans(client, map_id)] == [result]
-    assert client.get(result).json()["sha256"] == SHA256
-    assert killable[-1].kernel.blobs.path(SHA256).read_bytes() == PLY
-
-
-def _upload(servers: list[Server], settings: Settings, map_id: str, *, verified: bool) -> str:
-    """Return what an upload of two pieces becomes, by a client that goes on after every lost connection."""
-    key, path = servers[0].admin_key, ""
-    while True:
-        client = servers[-1].client(key)
-        try:
-            if not path:
-                answer = create(client, map_id, headers={"Idempotency-Key": "one"})
-                path = httpx.URL(answer.headers["location"]).path
-            head = client.head(path, headers=TUS)
-            if "groundplan-result" in head.headers:
-                return str(head.headers["groundplan-result"])
-            at = int(head.headers["upload-offset"])
-            content = PLY[at : at + len(PLY) // 2 + 1]
-            extra = {"Upload-Checksum": checksum(content)} if verified else {}
-            assert piece(client, path, at, content, **extra).status_code == 204
-        except httpx.TransportError:
-            servers[-1].process.wait(timeout=20)
-            servers.append(start(settings, admin_key=key))
 
 
 def test_an_upload_expires(tmp_path: Path) -> None:

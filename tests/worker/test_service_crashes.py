@@ -35,7 +35,7 @@ from tests import files
 from tests.server import start
 from tests.service.asking import a_map, a_placement, a_ready_revision
 from tests.service.by_hand import ByHand
-from tests.service.test_tus import PIECE, TUS, metadata
+from tests.service.tus_client import PIECE, TUS, metadata
 from tests.worker.conftest import DATABASES, url_of
 from tests.worker.test_worker_crashes import POINTS as POINTS_OF_THE_WORKER
 

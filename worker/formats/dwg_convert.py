@@ -6,6 +6,7 @@ Run by path with ``python -I``: source, target, bytes of memory, seconds of CPU,
 
 from __future__ import annotations
 
+import argparse
 import resource
 import sys
 from pathlib import Path
@@ -42,10 +43,20 @@ def main(source: str, target: str, memory: int, seconds: int, size: int) -> int:
     return 0
 
 
+def _asked() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="The worker starts this for one DWG file.")
+    parser.add_argument("source", help="the DWG file")
+    parser.add_argument("target", help="the DXF file that is written")
+    parser.add_argument("memory", type=int, help="the most bytes of memory")
+    parser.add_argument("seconds", type=int, help="the most seconds of CPU")
+    parser.add_argument("size", type=int, help="the most bytes of input")
+    return parser.parse_args()
+
+
 def _failed(status: int, error: Exception) -> int:
     sys.stderr.write(str(error)[:300])
     return status
 
 
 if __name__ == "__main__":
-    sys.exit(main(sys.argv[1], sys.argv[2], *(int(v) for v in sys.argv[3:6])))
+    sys.exit(main(**vars(_asked())))

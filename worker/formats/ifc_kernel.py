@@ -7,6 +7,7 @@ dies with its parent, and takes no more memory than the request allows.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import importlib
 import json
@@ -49,6 +50,9 @@ class Refused(Exception):
 
 def main() -> int:
     """Answer the request on standard input; return 0 also where the model is refused."""
+    argparse.ArgumentParser(
+        description="The worker starts this for one building model; its request comes on standard input."
+    ).parse_args()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
     request = json.loads(sys.stdin.read())

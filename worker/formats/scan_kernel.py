@@ -8,6 +8,7 @@ parent.
 
 from __future__ import annotations
 
+import argparse
 import ctypes
 import importlib
 import json
@@ -36,19 +37,19 @@ _PR_SET_PDEATHSIG = 1
 
 def main() -> int:
     """Read one file; return 0 also where it is refused."""
-    kind, path, output, most_points, memory, parent = sys.argv[1:7]
+    asked = _asked()
     answers = os.fdopen(os.dup(1), "w", encoding="utf-8")
     os.dup2(2, 1)
-    _limit(int(memory), int(parent))
-    module, name = LOADERS[kind]
+    _limit(asked.memory_bytes, asked.parent)
+    module, name = LOADERS[asked.kind]
     try:
         loaded = getattr(importlib.import_module(module), name)(
-            Path(path), bounds=Bounds(max_points=int(most_points))
+            asked.path, bounds=Bounds(max_points=asked.max_points)
         )
         if isinstance(loaded.surface, Mesh):
-            np.savez(output, vertices=loaded.surface.vertices, triangles=loaded.surface.triangles)
+            np.savez(asked.output, vertices=loaded.surface.vertices, triangles=loaded.surface.triangles)
         else:
-            np.savez(output, points=loaded.surface.points)
+            np.savez(asked.output, points=loaded.surface.points)
         answer = {"kind": loaded.kind, "statement": asdict(loaded.statement)}
     except Rejected as refusal:
         answer = {"refused": type(refusal).__name__, "detail": refusal.detail, "members": refusal.members}
@@ -58,6 +59,17 @@ def main() -> int:
     answers.write("\n")
     answers.close()
     return 0
+
+
+def _asked() -> argparse.Namespace:
+    parser = argparse.ArgumentParser(description="The worker starts this for one scan.")
+    parser.add_argument("kind", choices=sorted(LOADERS))
+    parser.add_argument("path", type=Path, help="the scan")
+    parser.add_argument("output", type=Path, help="where its arrays are written (.npz)")
+    parser.add_argument("max_points", type=int)
+    parser.add_argument("memory_bytes", type=int, help="the most memory that is taken")
+    parser.add_argument("parent", type=int, help="process id: when it ends, so does this")
+    return parser.parse_args()
 
 
 def _limit(memory_bytes: int, parent: int) -> None:

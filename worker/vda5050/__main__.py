@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import argparse
 import os
 import secrets
 import signal
@@ -38,8 +39,13 @@ _CLIENT = "groundplan-"
 log = structlog.get_logger(__name__)
 
 
-def main() -> int:
+def main(argv: list[str] | None = None) -> int:
     """Bridge until told to stop, and return the exit status: 0 then, 1 when a setting is missing."""
+    argparse.ArgumentParser(
+        prog="python -m worker.vda5050",
+        description="Bring maps to robots that speak VDA 5050, until SIGTERM or SIGINT. Settings come from "
+        "the environment (GROUNDPLAN_...); `groundplan vda5050` takes the folder of files as an option.",
+    ).parse_args(argv)
     try:
         settings = Settings()
     except ValidationError as error:

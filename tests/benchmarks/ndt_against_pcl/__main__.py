@@ -9,6 +9,7 @@ differs.
 
 from __future__ import annotations
 
+import argparse
 import importlib
 import statistics
 import sys
@@ -132,7 +133,11 @@ def big_grid(program: Path, folder: Path) -> None:
 
 def main() -> int:
     """Run all and print the table, on one thread unless it says otherwise."""
-    source, target, guess = inputs(sys.argv[1:])
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument("words", nargs="*", metavar="SOURCE TARGET x,y,z,yaw_deg")
+    source, target, guess = inputs(parser.parse_args().words)
     numba.set_num_threads(1)
     failed = 0
     with tempfile.TemporaryDirectory() as name:
