@@ -11,6 +11,7 @@ from tests.geometry.page_plans import CORNER, PAGE, a_page, a_plan, agreement
 from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.geometry.drawing.linework.areas import entity_area, tangled_areas
 from worker.geometry.drawing.linework.linework import Linework
+from worker.geometry.drawing.linework.units import assumed_unit
 from worker.geometry.drawing.page.reading import read_page
 from worker.geometry.drawing.page.sheet import draw_page
 from worker.geometry.drawing.page.strips import find_pen_strips, joined
@@ -162,6 +163,30 @@ def test_an_outline_that_crosses_itself_over_and_over_is_no_area_and_is_told(tur
     page = _turning(turns)
     assert entity_area(page, 0, 0.1) is None
     assert [(one.code, one.members) for one in tangled_areas(page)] == [("areas-tangled", {"areas": 1})]
+
+
+@pytest.mark.parametrize(("points", "is_area"), [(62, True), (63, True), (64, False), (65, False)])
+def test_an_outline_of_few_sides_is_an_area_however_often_it_crosses_itself(
+    points: int, *, is_area: bool
+) -> None:
+    page = _turning(11, points=points)
+    assert len(page.ends) == points
+    assert (entity_area(page, 0, 0.1) is not None) is is_area
+    assert bool(tangled_areas(page)) is not is_area
+
+
+@pytest.mark.parametrize("points", [127, 129, 255, 257, 385])
+def test_a_side_may_meet_sixteen_others_however_many_are_asked_about_at_a_time(points: int) -> None:
+    """Of a star that goes round k times, each side meets itself and 2 k others: 15 of 7 turns, 17 of 8."""
+    assert entity_area(_turning(7, points=points), 0, 0.1) is not None
+    assert entity_area(_turning(8, points=points), 0, 0.1) is None
+
+
+def test_of_an_unknown_scale_the_best_candidate_counts_and_else_a_length_of_forty_metres() -> None:
+    page = _turning(1)  # 80 across
+    assert assumed_unit(page, Scale("unknown", None, ())) == pytest.approx(0.5, rel=1e-3)
+    assert assumed_unit(page, Scale("unknown", None, (), (0.01, 0.02))) == 0.01
+    assert assumed_unit(page, given(0.03)) == 0.03
 
 
 def test_a_drawn_page_lies_where_its_strokes_are() -> None:

@@ -11,7 +11,12 @@ from numpy.typing import NDArray
 from service.domain.findings import Finding
 from worker.geometry.drawing.linework.linework import Linework
 
-_FEW, _AT_ONCE = 64, 128
+_FEW = 64
+"""An outline of fewer sides is never looked at: all of them crossing make no more than 2,000 pieces."""
+
+_AT_ONCE = 128
+"""So many sides are asked about at a time; it bounds memory alone, and changes no answer."""
+
 _MOST_MEETINGS = 16.0
 """So often a side meets others [sides a side]: itself and its neighbours are 3, squares of a raster 13."""
 

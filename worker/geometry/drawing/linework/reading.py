@@ -17,14 +17,12 @@ from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import pair_lines
 from worker.geometry.drawing.linework.removed import removed_strokes, source_layers
 from worker.geometry.drawing.linework.roles import Roles, assign_roles
+from worker.geometry.drawing.linework.units import assumed_unit
 from worker.geometry.drawing.outline.solids import read_outlines
 from worker.geometry.drawing.reading.reading import Column, Reading, Wall
 from worker.geometry.drawing.scale.decision import Scale
 
 Progress = Callable[[str, float], None]
-
-ASSUMED_EXTENT = 40.0
-"""How long a drawing of unknown scale is taken to be [m] where a threshold needs metres."""
 
 _PIER_SIDE, _PIER_RATIO, _PIER_FILL = 1.5, 2.5, 0.6
 _TOUCH = 0.03
@@ -72,7 +70,7 @@ def read_linework(
     """
     tell = progress or (lambda _stage, _share: None)
     tell("walls", 0.0)
-    unit = _thresholds_in(linework, scale)
+    unit = assumed_unit(linework, scale)
     frame = _Frame.of(linework, scale)
     roles = assign_roles(linework, wall_layers=wall_layers)
     guessed = not roles.walls_known
@@ -135,17 +133,6 @@ class _Found:
     columns: list[Column]
     kept: NDArray[np.bool_]
     filled: bool
-
-
-def _thresholds_in(linework: Linework, scale: Scale) -> float:
-    """Return metres a unit for thresholds: the scale, its best candidate, or what makes the sheet 40 m."""
-    if scale.metres_per_unit is not None:
-        return scale.metres_per_unit
-    if scale.candidates:
-        return scale.candidates[0]
-    points = linework.ends.reshape(-1, 2)
-    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    return ASSUMED_EXTENT / extent if extent > 0 else 1.0
 
 
 def _read_walls(linework: Linework, roles: Roles, unit: float, tell: Callable[[float], None]) -> _Found:

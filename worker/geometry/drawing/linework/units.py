@@ -15,10 +15,13 @@ from service.domain.scale_hint import ScaleHint
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.pairs import Lines, crowded, distinct, stretches
 from worker.geometry.drawing.linework.roles import assign_roles
-from worker.geometry.drawing.scale.decision import USUAL_UNITS, Witness, contradictions, decide
+from worker.geometry.drawing.scale.decision import USUAL_UNITS, Scale, Witness, contradictions, decide
 from worker.geometry.drawing.scale.dimension_texts import parse_measure
 from worker.geometry.drawing.scale.sheet_scale import SheetScale
 from worker.geometry.drawing.scale.title_block import not_to_scale
+
+_ASSUMED_EXTENT = 40.0
+"""How long a drawing of unknown scale is taken to be [m] where a threshold needs metres: a usual building."""
 
 _EXTENT = (8.0, 400.0)
 _DOOR = (0.6, 1.2)
@@ -32,6 +35,17 @@ _MOST_DIMENSIONS = 2000
 _EXACT = 0.01
 _MOST_COUNT = 3
 _SURE = {"door-arcs": 3, "dimension-text": 2, "title-block": 1}
+
+
+def assumed_unit(linework: Linework, scale: Scale) -> float:
+    """Return metres a unit for thresholds: the scale, its best candidate, or what makes the drawing 40 m."""
+    if scale.metres_per_unit is not None:
+        return scale.metres_per_unit
+    if scale.candidates:
+        return scale.candidates[0]
+    points = linework.ends.reshape(-1, 2)
+    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
+    return _ASSUMED_EXTENT / extent if extent > 0 else 1.0
 
 
 def find_unit(linework: Linework, *, hint: ScaleHint | None = None) -> SheetScale:

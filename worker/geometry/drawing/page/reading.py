@@ -19,6 +19,7 @@ from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.reading import read_linework
 from worker.geometry.drawing.linework.removed import source_layers
 from worker.geometry.drawing.linework.roles import Roles, assign_roles
+from worker.geometry.drawing.linework.units import assumed_unit
 from worker.geometry.drawing.outline.solids import Solids, read_outlines
 from worker.geometry.drawing.page.areas import wall_areas
 from worker.geometry.drawing.page.removed import frames, set_aside
@@ -29,9 +30,6 @@ from worker.geometry.drawing.reading.reading import Column, Reading, Wall
 from worker.geometry.drawing.scale.decision import Scale, given
 
 Progress = Callable[[str, float], None]
-
-ASSUMED_EXTENT = 40.0
-"""How long a page of unknown scale is taken to be [m] where a threshold needs metres."""
 
 _NOT_WALLS = ("door", "window", "text", "dimension", "hatch", "furniture", "stair", "frame", "grid")
 _LEAST_PEN, _LIGHTEST, _LEAST_BESIDE = 0.3, 0.7, 0.4
@@ -86,7 +84,7 @@ def read_page(
     roles = assign_roles(linework, wall_layers=wall_layers)
     if roles.walls_known:
         return read_linework(_unmasked(linework), scale=scale, wall_layers=wall_layers, progress=progress)
-    unit = _thresholds_in(linework, scale)
+    unit = assumed_unit(linework, scale)
     material = _find_material(linework, roles, unit, tell)
     solids = _main_parts(material.areas, _size(linework, unit), tell)
     if material.is_enough and sum(w.length for w in solids.walls) >= _LEAST_LENGTH:
@@ -106,17 +104,6 @@ class _Material:
     pens: tuple[str, ...]
     is_enough: bool
     is_filled: bool
-
-
-def _thresholds_in(linework: Linework, scale: Scale) -> float:
-    """Return metres a unit for thresholds: the scale, its best candidate, or what makes the page 40 m."""
-    if scale.metres_per_unit is not None:
-        return scale.metres_per_unit
-    if scale.candidates:
-        return scale.candidates[0]
-    points = linework.ends.reshape(-1, 2)
-    extent = float(np.ptp(points, axis=0).max()) if len(points) else 0.0
-    return ASSUMED_EXTENT / extent if extent > 0 else 1.0
 
 
 def _unmasked(linework: Linework) -> Linework:

@@ -23,7 +23,6 @@ _SMALLEST, _LARGEST = 4.0, 400.0
 _LONG = 0.5
 _DIRECTIONS = 4
 _BIN_DEG = 1
-_ASSUMED_EXTENT = 30.0
 
 
 @dataclass(frozen=True)
@@ -76,7 +75,7 @@ def judge(reading: Reading) -> Reading:
     The finding ``low-confidence`` (serious) tells which marks are low. A high confidence does not tell that
     the walls are right: a clean drawing of something else than a building has one too.
     """
-    metres = 1.0 if reading.unit == "m" else _ASSUMED_EXTENT / max(*reading.sheet, 1e-9)
+    metres = reading.metres_a_unit
     if not reading.walls:
         return replace(reading, confidence=0.0)
     touched = _touched_ends(reading, _REACH / metres)

@@ -26,7 +26,6 @@ ERASED = "erased by a person"
 EXCLUDED = "in a region that a person excluded"
 NOT_INCLUDED = "outside of the regions that a person included"
 _TOLERANCE = 0.002
-_ASSUMED_EXTENT = 30.0
 _MOSTLY = 0.5
 
 
@@ -78,7 +77,7 @@ class _Desk:
         self._frame = FileFrame.of(reading)
         self._tolerance = _TOLERANCE * self._frame.extent
         self._extent = _extent(reading)
-        self._metres = 1.0 if reading.unit == "m" else _ASSUMED_EXTENT / max(*reading.sheet, 1e-9)
+        self._metres = reading.metres_a_unit
         self._knows_metres = reading.unit == "m"
         self._includes = list(includes)
         self._boxes: dict[int, tuple[Item, Box]] = {}

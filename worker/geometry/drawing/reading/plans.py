@@ -21,7 +21,6 @@ _LONGEST_SHARE = 0.6
 _MARGIN = 0.5
 _MOST = 50
 _NO_LINK = frozenset({"frame", "text", "speck", "grid", "dimension", "small"})
-_ASSUMED_EXTENT = 30.0
 
 
 def several_plans(reading: Reading) -> Finding | None:
@@ -34,7 +33,7 @@ def several_plans(reading: Reading) -> Finding | None:
     """
     if len(reading.walls) < 2:
         return None
-    metres = 1.0 if reading.unit == "m" else _ASSUMED_EXTENT / max(*reading.sheet, 1e-9)
+    metres = reading.metres_a_unit
     boxes = _groups(reading, metres)
     alone = [i for i, box in enumerate(boxes) if not _overlaps(box, np.delete(boxes, i, axis=0))]
     if len(alone) < 2:

@@ -13,6 +13,9 @@ from worker.geometry.drawing.scale.decision import Scale
 
 Unit = Literal["m", "px"]
 
+_ASSUMED_SHEET = 30.0
+"""How long a reading of unknown scale is taken to be [m] where a threshold needs metres: a small hall."""
+
 
 @dataclass(frozen=True, eq=False)
 class Wall:
@@ -150,6 +153,11 @@ class Reading:
     def unit(self) -> Unit:
         """Return the unit of every coordinate."""
         return "px" if self.scale.metres_per_unit is None else "m"
+
+    @property
+    def metres_a_unit(self) -> float:
+        """Return metres a unit for thresholds: 1, or where the scale is unknown what makes the sheet 30 m."""
+        return 1.0 if self.unit == "m" else _ASSUMED_SHEET / max(*self.sheet, 1e-9)
 
     def scaled(self, factor: float) -> Reading:
         """Return the reading with every coordinate and length times `factor`; its scale stays as it is."""
