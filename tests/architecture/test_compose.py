@@ -27,6 +27,8 @@ from sqlalchemy.engine import make_url
 
 from tests.architecture.sources import ROOT
 
+pytestmark = pytest.mark.slow
+
 FILE = ROOT / "docker-compose.yml"
 PROCESSES = ("migrate", "service", "worker")
 DATA_DIR = "/var/lib/groundplan"

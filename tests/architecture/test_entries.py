@@ -12,6 +12,8 @@ import pytest
 from tests.architecture.sources import ROOT
 from tests.commands import commands
 
+pytestmark = pytest.mark.slow
+
 ROOMS = ("service", "worker", "demo", "client", "migrations", "tests")
 BY_PATH = {"worker/formats/dwg_convert.py", "client/groundplan_robot.py"}
 """Started as files: one alone in its process, the other alone on its robot."""

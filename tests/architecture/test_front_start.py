@@ -15,6 +15,8 @@ import pytest
 
 from tests.architecture.sources import ROOT
 
+pytestmark = pytest.mark.slow
+
 START = ROOT / "docker" / "front" / "start"
 IS_ROOT = os.geteuid() == 0
 OTHER = pwd.getpwnam("nobody")

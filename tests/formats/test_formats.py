@@ -26,6 +26,7 @@ SPECIMENS: dict[str, Callable[[], bytes]] = {
 }
 MOST_IN_PASSING = 4
 """More formats than this in one text are a list, which would miss the next format."""
+WORDS = {word for one in FORMATS for word in one.called if " " not in word}
 OWN_LISTS = {"service/domain/formats.py", "docs/formats.md", "CHANGELOG.md"}
 
 
@@ -87,8 +88,7 @@ def test_nothing_else_keeps_a_list_of_formats() -> None:
 
 
 def _named(text: str) -> set[str]:
-    words = {word for one in FORMATS for word in one.called if " " not in word}
-    return words & set(re.findall(r"\w+", text))
+    return WORDS & set(re.findall(r"\w+", text))
 
 
 def _texts() -> Iterator[tuple[str, str]]:
