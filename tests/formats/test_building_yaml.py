@@ -166,8 +166,8 @@ def test_a_measurement_of_nothing_is_left_out_and_told(tmp_path: Path, empty: li
     reading = load_building_yaml(_write(tmp_path / "b.yaml", level))
     assert reading.scale.metres_per_unit == pytest.approx(METRES_A_PIXEL)
     told = {f.code: f for f in reading.findings}
-    assert told["measurements-empty"].members == {"count": 1}
-    assert told["measurements-compared"].members["deviations"] == [0.0]
+    assert told["measurements-empty"].values == {"count": 1}
+    assert told["measurements-compared"].values["deviation_shares"] == [0.0]
     level["measurements"] = [empty]
     alone = load_building_yaml(_write(tmp_path / "c.yaml", level))
     assert (alone.scale.state, alone.scale.candidates) == ("unknown", ())

@@ -70,7 +70,7 @@ def test_edits_from_a_file_are_applied(sheet: Path, tmp_path: Path) -> None:
             sheet, tmp_path / "out", "--metres-per-unit=0.01", f"--edits={tmp_path / 'edits.json'}"
         )
         assert summary["counts"]["edits_applied"] == 2
-        assert [f["edit"] for f in summary["findings"] if f["code"] == "edit-does-not-fit"] == [2]
+        assert [f["values"]["edit"] for f in summary["findings"] if f["code"] == "edit-does-not-fit"] == [2]
         walls = features(tmp_path / "out", "walls.geojson")
         added = [w for w in walls if w["properties"]["reason"] == "added by a person"]
         assert [w["properties"]["thickness_m"] for w in added] == [0.3]

@@ -348,7 +348,7 @@ def test_a_drawing_of_references_alone_has_no_walls_and_says_which_files_it_want
     doc.modelspace().add_blockref("GROUND", (0, 0))
     reading = read(saved(doc, tmp_path / "references.dxf"))
     said = next(f for f in reading.findings if f.code == "only-references")
-    assert said.members["references"] == ["ground-floor.dwg"]
+    assert said.values["references"] == ["ground-floor.dwg"]
     assert (reading.walls, reading.confidence) == ((), 0.0)
 
 

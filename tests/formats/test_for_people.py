@@ -64,7 +64,7 @@ def test_the_map_is_whole_without_what_is_for_people(
         monkeypatch.setattr(artifacts, name, fault)
     files, findings = built(tmp_path / "without")
     assert files == {path: content for path, content in whole.items() if path not in missing}
-    told = [name for one in findings for name in one["files"]]  # type: ignore[attr-defined]
+    told = [name for one in findings for name in one["values"]["files"]]  # type: ignore[attr-defined]
     assert (sorted(told), {one["code"] for one in findings}) == (sorted(missing), {"file-not-made"})
     assert all("ValueError" in str(one["message"]) for one in findings)
 

@@ -145,7 +145,7 @@ def test_layers_have_their_names_and_hidden_ones_are_passed_over(tmp_path: Path)
     assert [page.layer_names[i] for i in page.layer] == ["A-WALL", ""]
     assert page.texts == ()
     (finding,) = page.findings
-    assert (finding.code, finding.members) == ("layer-hidden", {"layer": "Survey", "objects": 2})
+    assert (finding.code, finding.values) == ("layer-hidden", {"layer": "Survey", "objects": 2})
 
 
 def test_texts_have_place_height_angle_and_are_joined(tmp_path: Path) -> None:

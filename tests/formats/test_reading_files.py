@@ -54,7 +54,11 @@ def test_a_reading_is_four_files_and_names_every_removed_stroke(tmp_path: Path) 
     walls = [f["properties"] for f in json.loads(paths[0].read_text())["features"]]
     assert [(w["kind"], w["layer"]) for w in walls] == [("wall", "wall"), ("column", "column")]
     assert all(w["id"] and w["reason"] for w in walls)
-    assert (summary["scale"], summary["unit"], summary["sheet"]) == (given(0.01).to_json(), "m", [5.0, 4.0])
+    assert (summary["scale"], summary["unit"], summary["sheet"]) == (
+        given(0.01).told().to_json(),
+        "m",
+        [5.0, 4.0],
+    )
 
 
 def test_a_coordinate_that_is_no_number_is_a_defect_and_is_not_written(tmp_path: Path) -> None:

@@ -73,7 +73,7 @@ def test_a_room_is_read_at_the_resolution_that_the_map_states(tmp_path: Path) ->
     assert points.max(axis=0) == pytest.approx([9.1, 5.1], abs=0.026)
     assert [w.thickness for w in reading.walls] == pytest.approx([0.1] * 4, abs=0.02)
     robot = next(f for f in reading.findings if f.code == "robot-map")
-    assert robot.members["origin"] == [-1.0, -2.0, 0.0]
+    assert robot.values == {"x_m": -1.0, "y_m": -2.0, "yaw_rad": 0.0, "resolution_m": 0.05}
 
 
 def test_a_zip_of_both_reads_as_the_two_files(tmp_path: Path) -> None:
@@ -131,8 +131,8 @@ def test_the_grid_of_a_map_reads_back_as_its_walls(tmp_path: Path) -> None:
     image, header = write_occupancy(tmp_path, occupancy_grid(walls, resolution=0.05))
     assert image.is_file()
     reading = load_ros_map(header)
-    origin = next(f for f in reading.findings if f.code == "robot-map").members["origin"]
-    faces = np.vstack([f for w in reading.walls for f in w.faces]) + origin[:2]
+    told = next(f for f in reading.findings if f.code == "robot-map").to_json()["values"]
+    faces = np.vstack([f for w in reading.walls for f in w.faces]) + np.array([told["x_m"], told["y_m"]])
     assert faces.min(axis=0) == pytest.approx([0.9, 0.9], abs=0.06)
     assert faces.max(axis=0) == pytest.approx([9.1, 5.1], abs=0.06)
     assert sum(w.length for w in reading.walls) == pytest.approx(23.0, abs=0.6)

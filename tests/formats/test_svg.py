@@ -155,7 +155,7 @@ def test_references_to_elsewhere_are_never_opened_and_said(tmp_path: Path) -> No
         '<use href="other.svg#walls"/><style>@import url(http://127.0.0.1:9/x.css);</style>',
     )
     (finding,) = page.findings
-    assert (finding.code, finding.members) == ("external-reference", {"references": 3})
+    assert (finding.code, finding.values) == ("external-reference", {"references": 3})
     assert len(page.ends) == 1
 
 

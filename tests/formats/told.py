@@ -56,19 +56,17 @@ def written() -> Any:
 
 
 def _files(folder: Path) -> dict[str, Any]:
-    readings, strokes = [], []
+    strokes = []
     for number, reading in enumerate(_readings()):
         directory = folder / str(number)
         directory.mkdir()
-        walls, removed, _, summary = write_reading(reading, directory)
-        readings.append(json.loads(summary.read_text(encoding="utf-8")))
+        walls, removed, _, _ = write_reading(reading, directory)
         strokes += [json.loads(path.read_text(encoding="utf-8")) for path in (walls, removed)]
     write_walls(folder / "walls.geojson", [_WALL], [_PIER], frame="map")
     cloud = PointCloud.of(np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.5], [3.0, 1.0, 1.0]]))
     write_octree(folder, cloud)
     sheet, _ = write_sheet_tiles(folder, np.zeros((300, 400), dtype=np.uint8))
     return {
-        "readings": readings,
         "strokes": strokes,
         "walls": [json.loads((folder / "walls.geojson").read_text(encoding="utf-8"))],
         "octrees": [json.loads((folder / "octree.json").read_text(encoding="utf-8"))],

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
@@ -107,7 +108,7 @@ def test_a_robot_s_map_is_marked(seed: int, unknown: int, tmp_path: Path) -> Non
     Image.fromarray(a_robot_map(seed, unknown=unknown)).save(path)
     found = check_sheet(np.asarray(Image.open(path)))
     assert [(f.code, f.severity) for f in found] == [("robot-map", "serious")]
-    assert found[0].members["unknown_level"] == unknown
+    assert found[0].values["unknown_level"] == unknown
     reading = read_drawing_file(path, options=DrawingOptions(scale=ScaleHint(metres_per_unit=0.05)))
     assert found[0] in reading.findings
 
@@ -150,7 +151,7 @@ def test_scattered_pieces_in_all_directions_are_not() -> None:
     assert judged.confidence < LEAST
     (finding,) = judged.findings
     assert (finding.code, finding.severity) == ("low-confidence", "serious")
-    assert finding.members["marks"]["aligned"] < 0.4
+    assert finding.values["aligned_mark"] < 0.4
 
 
 @pytest.mark.parametrize("factor", [0.05, 100.0])
@@ -177,7 +178,8 @@ def test_several_plans_are_told_with_polygons_that_an_edit_takes() -> None:
     reading = reading_of([*room(2, 2), *room(16, 2), *room(2, 14, 6, 5)])
     finding = several_plans(reading)
     assert finding is not None
-    boxes = [shapely.Polygon(plan["within"]) for plan in finding.members["plans"]]
+    assert finding.where is not None
+    boxes = list(shapely.from_geojson(json.dumps(finding.where.to_json())).geoms)
     assert len(boxes) == 3
     inside_first = shapely.LineString([(210, 2790), (990, 2410)])
     assert [box.contains(inside_first) for box in boxes].count(True) == 1
@@ -199,8 +201,9 @@ def test_one_of_two_plans_on_a_sheet_is_included_by_its_polygon(tmp_path: Path) 
     options = DrawingOptions(scale=ScaleHint(metres_per_unit=0.02))
     both = read_drawing_file(path, options=options)
     (finding,) = [f for f in both.findings if f.code == "several-plans"]
-    assert len(finding.members["plans"]) == 2
-    edit = {"action": "include", **min(finding.members["plans"], key=lambda plan: plan["within"][0][0])}
+    rings = [rings[0] for rings in finding.to_json()["where"]["coordinates"]]
+    assert len(rings) == finding.values["plans"] == 2
+    edit = {"action": "include", "within": min(rings)}
     one = read_drawing_file(path, options=options.changed({"edits": [edit]}))
     assert [f.code for f in one.findings if f.code in {"several-plans", "edit-does-not-fit"}] == []
     assert max(float(w.centre[:, 0].max()) for w in one.walls) < 12.5

@@ -46,7 +46,7 @@ def box(x0: float, y0: float, x1: float, y1: float) -> list[list[float]]:
 
 
 def misfits(reading: Reading) -> list[int]:
-    return [f.members["edit"] for f in reading.findings if f.code == "edit-does-not-fit"]
+    return [f.values["edit"] for f in reading.findings if f.code == "edit-does-not-fit"]
 
 
 def total_length(reading: Reading) -> float:

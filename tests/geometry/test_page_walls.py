@@ -162,7 +162,7 @@ def test_an_outline_that_is_gone_round_again_or_crosses_itself_a_little_is_an_ar
 def test_an_outline_that_crosses_itself_over_and_over_is_no_area_and_is_told(turns: int) -> None:
     page = _turning(turns)
     assert entity_area(page, 0, 0.1) is None
-    assert [(one.code, one.members) for one in tangled_areas(page)] == [("areas-tangled", {"areas": 1})]
+    assert [(one.code, one.values) for one in tangled_areas(page)] == [("areas-tangled", {"areas": 1})]
 
 
 @pytest.mark.parametrize(("points", "is_area"), [(62, True), (63, True), (64, False), (65, False)])

@@ -43,7 +43,7 @@ def test_a_wrong_header_never_gives_a_wrong_unit(unit: float, claim: float) -> N
     assert scale.metres_per_unit == unit or 0.3 < claim / unit < 4
     assert unit in scale.candidates
     if scale.state == "found" and claim != unit:
-        assert [f.members["witness"]["kind"] for f in contradictions(scale)] == ["file-unit"]
+        assert [f.values["witness"] for f in contradictions(scale)] == ["file-unit"]
 
 
 def test_metres_called_millimetres_are_metres() -> None:

@@ -59,7 +59,7 @@ def test_axis_unit_floor_and_ceiling_are_found(up: str, unit: str) -> None:
     assert made.frame.ceiling == pytest.approx(1.2, abs=0.02)
     np.testing.assert_allclose(made.cloud.points, points, atol=1e-9)
     np.testing.assert_allclose(made.scan.points, points @ turn_upright(up), atol=1e-9)
-    told = made.frame.to_json()
+    told = made.frame.told().to_json()
     assert told["up"]["value"] == up
     assert told["metres_per_unit"]["evidence"]
 

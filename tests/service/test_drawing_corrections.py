@@ -144,5 +144,5 @@ def test_a_correction_is_applied_and_a_new_issue_says_which_no_longer_fits(admin
     new = read(admin, send(admin, map_id, a_room(bench_at=420), replaces=drawing["id"]))
     assert new["options"]["scale"] == {"metres_per_unit": 0.02}
     told = [f for f in new["reading"]["findings"] if f["code"] == "edit-does-not-fit"]
-    assert [(f["edit"], f["action"]) for f in told] == [(0, "move")]
+    assert [f["values"] for f in told] == [{"edit": 0, "action": "move"}]
     assert "added by a person" in [w["properties"]["reason"] for w in features(admin, new, "walls")]

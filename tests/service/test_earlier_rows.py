@@ -8,7 +8,7 @@ from typing import Any
 import httpx
 import pytest
 
-from service.db.models import Placement, Revision
+from service.db.models import Drawing, Placement, Revision, Scan
 from service.db.proposals import Proposal
 from service.domain.evidence import PlacementEvidence
 from service.domain.recipe import Recipe
@@ -120,3 +120,63 @@ def test_proposals_of_any_version_are_shown(placed: str, admin: httpx.Client, by
     (shown,) = ok(admin.get(f"/v1/maps/{map_id}/proposals"))["items"]
     assert shown["evidence"]["whole_layer"] is True
     assert shown["evidence"]["things"][0]["looked_through"] == 890
+
+
+SCALE_IN_PIXELS = {"state": "given", "metres_per_px": 0.02, "evidence": {"known_length": {"length_m": 9.0}}}
+FIRST_FINDING = {"code": "no-walls", "severity": "serious", "message": "Nothing looks like a wall."}
+PLAIN = {**FIRST_FINDING, "values": {}, "where": None}
+RING = [[0.0, 0.0], [90.0, 0.0], [90.0, 40.0]]
+
+
+@pytest.mark.parametrize(
+    ("kept", "shown"),
+    [
+        (FIRST_FINDING, PLAIN),
+        ({**FIRST_FINDING, "layers": ["A", "B"]}, {**PLAIN, "values": {"layers": ["A", "B"]}}),
+        (
+            {**FIRST_FINDING, "witness": {"kind": "extent", "metres_per_unit": [1.0, 2.0], "count": 3}},
+            {
+                **PLAIN,
+                "values": {
+                    "witness_kind": "extent",
+                    "witness_metres_per_unit": [1.0, 2.0],
+                    "witness_count": 3,
+                },
+            },
+        ),
+        (
+            {**FIRST_FINDING, "plans": [{"within": RING}]},
+            {**PLAIN, "where": {"type": "MultiPolygon", "coordinates": [[[*RING, RING[0]]]]}},
+        ),
+        ({**FIRST_FINDING, "plans": 2}, {**PLAIN, "values": {"plans": 2}}),
+        ({**FIRST_FINDING, "deep": [{"a": 1}]}, {**PLAIN, "values": {"deep": '[{"a": 1}]'}}),
+        ({"message": "Old."}, {**PLAIN, "code": None, "severity": None, "message": "Old."}),
+        ({**PLAIN, "values": {"tilt_rad": 0.1, "up": "y", "on": True}}, None),
+    ],
+)
+def test_findings_of_any_version_are_shown(
+    kept: dict[str, Any], shown: dict[str, Any] | None, placed: str, admin: httpx.Client, by_hand: ByHand
+) -> None:
+    scan_id = ok(admin.get(f"/v1/placements/{placed}"))["scan_id"]
+    rewrite(by_hand, Scan, scan_id, {"reading": {"points": 3, "findings": [kept]}})
+    reading = ok(admin.get(f"/v1/scans/{scan_id}"))["reading"]
+    assert reading["findings"] == [kept if shown is None else shown]
+    assert (reading["points"], reading["scan_frame"], reading["extent_m"]) == (3, None, None)
+
+
+def test_readings_of_drawings_of_any_version_are_shown(admin: httpx.Client, by_hand: ByHand) -> None:
+    drawing_id = by_hand.drawing(a_map(admin))
+    first = {
+        "frame": "drawing", "unit": "m", "scale": SCALE_IN_PIXELS, "sheet": [20.0, 10.0],
+        "drawing_origin": [0.0, 0.0], "style": "outlined",
+        "counts": {"walls": 4, "columns": 0, "wall_length_m": 60.0, "removed": {"text": 2}},
+        "findings": [],
+    }  # fmt: skip
+    rewrite(by_hand, Drawing, drawing_id, {"reading": first, "options": {}})
+    reading = ok(admin.get(f"/v1/drawings/{drawing_id}"))["reading"]
+    assert reading["scale"] == {"state": "given", "metres_per_unit": 0.02}
+    assert reading["counts"] == {**first["counts"], "removed_strokes": None}
+    assert (reading["confidence"], reading["layers"], reading["drawing_top"]) == (None, None, None)
+    for odd in ({"scale": {"state": "unknown"}}, {"scale": "1:100", "findings": "none"}, {}):
+        rewrite(by_hand, Drawing, drawing_id, {"reading": odd})
+        assert ok(admin.get(f"/v1/drawings/{drawing_id}"))["reading"]["findings"] is None

@@ -60,7 +60,7 @@ def test_names_of_layers_are_told_plain(desk: Desk) -> None:
     assert job is not None
     told = ok(desk.client.get(f"/v1/drawings/{job['subject_id']}"))
     (hidden,) = [one for one in told["reading"]["findings"] if one["code"] == "layer-hidden"]
-    assert hidden["layers"] == ["W" + 5 * "\N{REPLACEMENT CHARACTER}" + " HIDDEN"]
+    assert hidden["values"]["layers"] == ["W" + 5 * "\N{REPLACEMENT CHARACTER}" + " HIDDEN"]
 
 
 @pytest.mark.parametrize("name", [b"\xff\xfe\xed\xa0\x80.dxf", b"a\x1b[2J\x07.dxf", b"\xc2\x9b.dxf"])

@@ -107,7 +107,7 @@ def _build(
         digest = hashlib.file_digest(file, "sha256").hexdigest()
     inputs = {
         "drawing": {"sha256": digest, "name": args.drawing.name, "options": options.to_json()},
-        "scale": reading.scale.to_json(),
+        "scale": reading.scale.told().to_json(),
     }
     write_artifacts(
         work,

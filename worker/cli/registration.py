@@ -95,7 +95,7 @@ def _align(args: argparse.Namespace) -> dict[str, Any]:
         **judge(placed.evidence).to_json(),
         "evidence": placed.evidence.to_json(),
         "candidates": [candidate.to_json() for candidate in placed.candidates],
-        "scan_frame": upright.frame.to_json(),
+        "scan_frame": upright.frame.told().to_json(),
         "findings": [finding.to_json() for finding in upright.findings()],
     }
     _write(args.output, result, upright.scan, placed)

@@ -375,7 +375,7 @@ def _findings(level: _Level, system: str, scale: Scale) -> list[Finding]:
                 "measurements-compared",
                 "warning" if worst > AGREEMENT else "info",
                 f"The file's {len(drawn)} measurements agree with the scale within {100 * worst:.2f} %.",
-                {"deviations": [round(float(v), 5) for v in off[:50]]},
+                {"deviation_shares": [round(float(v), 5) for v in off[:50]]},
             )
         )
     return out

@@ -24,7 +24,7 @@ from service.domain.errors import (
     FileTruncated,
     UploadTooLarge,
 )
-from service.domain.findings import Finding
+from service.domain.findings import Finding, Value
 from worker.formats.dxf_entities import IGNORED, add_entity, dimension_of, style_of
 from worker.formats.dxf_linework import linework_of
 from worker.formats.dxf_parts import Part, PartBuilder, Reference, Style, places_of
@@ -132,8 +132,8 @@ def _opened(path: Path) -> tuple[Drawing, list[Finding]]:
             "Open it in a CAD program, repair it (AUDIT, RECOVER) and save it again."
         ) from error
     message = f"The file breaks the rules of DXF ({reason}) and was recovered; parts may be missing."
-    members = {"errors": len(auditor.errors), "fixes": len(auditor.fixes)}
-    return doc, [Finding("file-recovered", "warning", message, members)]
+    values = {"errors": len(auditor.errors), "fixes": len(auditor.fixes)}
+    return doc, [Finding("file-recovered", "warning", message, values)]
 
 
 @dataclass
@@ -348,13 +348,15 @@ class _Reader:
                 )
             )
         if seen.types:
-            names = [f"{n} {kind}" for kind, n in seen.types.most_common(_MOST_NAMES)]
+            most = seen.types.most_common(_MOST_NAMES)
+            names = [f"{n} {kind}" for kind, n in most]
             out.append(
                 _finding(
                     "entities-not-read",
                     "warning",
                     f"Entities of kinds that are not read: {', '.join(names)}.",
-                    kinds=dict(seen.types.most_common(_MOST_NAMES)),
+                    kinds=[kind for kind, _ in most],
+                    entities=[n for _, n in most],
                 )
             )
         if seen.broken:
@@ -369,8 +371,8 @@ class _Reader:
         return out
 
 
-def _finding(code: str, severity: str, message: str, **members: object) -> Finding:
-    return Finding(code, "info" if severity == "info" else "warning", message, dict(members))
+def _finding(code: str, severity: str, message: str, **values: Value) -> Finding:
+    return Finding(code, "info" if severity == "info" else "warning", message, values)
 
 
 def _header(doc: Drawing) -> list[Witness]:

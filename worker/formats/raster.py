@@ -244,8 +244,8 @@ def _resolution(image: Image.Image) -> tuple[float | None, list[Finding]]:
         f"The file states {across:g} pixels an inch across and {down:g} down: where that is true, lengths "
         "along the two sides have different scales. Export it with square pixels."
     )
-    members = {"dpi_across": across, "dpi_down": down}
-    return None, [Finding("pixels-not-square", "serious", message, members)]
+    values = {"dpi_across": across, "dpi_down": down}
+    return None, [Finding("pixels-not-square", "serious", message, values)]
 
 
 def _turned(grey: NDArray[np.uint8], orientation: int) -> NDArray[np.uint8]:

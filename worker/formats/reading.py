@@ -5,7 +5,6 @@ from __future__ import annotations
 import json
 import math
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import asdict
 from itertools import islice, pairwise
 from pathlib import Path
 from typing import Any
@@ -15,6 +14,7 @@ import orjson
 from numpy.typing import NDArray
 
 from service.domain.bounds import Bounds
+from service.domain.drawing_reading import DrawingCounts, DrawingReading
 from service.domain.errors import FileEmpty, FileMalformed, NotFinite, UnsupportedMedia
 from service.domain.plain import plain_text
 from worker.formats import preview
@@ -51,7 +51,7 @@ def write_reading(reading: Reading, directory: Path) -> list[Path]:
     strokes = (_removed(r, name, lines) for r, name in zip(reading.removed, ids.removed, strict=True))
     _write_features(removed, strokes, "drawing", reading.unit)
     _picture(picture, reading)
-    write_json(summary, _summary(reading), indent=2)
+    write_json(summary, _summary(reading).to_json(), indent=2)
     return [walls, removed, picture, summary]
 
 
@@ -291,29 +291,33 @@ def _drawn_walls(walls: Sequence[Wall], columns: Sequence[Column]) -> list[previ
     ]
 
 
-def _summary(reading: Reading) -> dict[str, Any]:
+def _summary(reading: Reading) -> DrawingReading:
     removed: dict[str, int] = {}
     strokes: dict[str, int] = {}
     for stroke in reading.removed:
         removed[stroke.layer] = removed.get(stroke.layer, 0) + 1
         strokes[stroke.layer] = strokes.get(stroke.layer, 0) + len(stroke.lines)
-    return {
-        "frame": "drawing",
-        "unit": reading.unit,
-        "scale": reading.scale.to_json(),
-        "sheet": [round(v, _DECIMALS) for v in reading.sheet],
-        "drawing_origin": [round(v, _DECIMALS) for v in reading.origin],
-        "drawing_top": None if reading.top is None else round(reading.top, _DECIMALS),
-        "confidence": round(reading.confidence, 3),
-        "layers": [asdict(layer) for layer in reading.layers],
-        "style": reading.style,
-        "counts": {
-            "walls": len(reading.walls),
-            "columns": len(reading.columns),
-            f"wall_length_{reading.unit}": round(sum(w.length for w in reading.walls), 2),
-            "removed": removed,
-            "removed_strokes": strokes,
+    length = round(sum(w.length for w in reading.walls), 2)
+    width, height = (round(v, _DECIMALS) for v in reading.sheet)
+    x, y = (round(v, _DECIMALS) for v in reading.origin)
+    return DrawingReading(
+        frame="drawing",
+        unit=reading.unit,
+        scale=reading.scale.told(),
+        sheet=(width, height),
+        drawing_origin=(x, y),
+        drawing_top=None if reading.top is None else round(reading.top, _DECIMALS),
+        confidence=round(reading.confidence, 3),
+        layers=reading.layers,
+        style=reading.style,
+        counts=DrawingCounts(
+            walls=len(reading.walls),
+            columns=len(reading.columns),
+            removed=removed,
+            removed_strokes=strokes,
+            wall_length_m=length if reading.unit == "m" else None,
+            wall_length_px=length if reading.unit == "px" else None,
             **reading.counts,
-        },
-        "findings": [f.to_json() for f in reading.findings],
-    }
+        ),
+        findings=reading.findings,
+    )

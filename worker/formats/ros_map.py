@@ -225,7 +225,7 @@ def _robot_map(header: MapHeader) -> Finding:
         "passed, furniture and noise included, and nothing that it did not see. Its lower left corner lies "
         f"at ({x:g}, {y:g}) m, turned by {math.degrees(yaw):g} degrees, in the robot's frame: give these as "
         "map-from-drawing to keep that frame.",
-        {"origin": [x, y, yaw], "resolution_m": header.resolution},
+        {"x_m": x, "y_m": y, "yaw_rad": yaw, "resolution_m": header.resolution},
     )
 
 

@@ -19,7 +19,7 @@ def write_upright(path: Path, upright: UprightScan) -> None:
     """
     points = upright.scan.points
     short = points.astype(np.float32)
-    frame = json.dumps(upright.frame.to_json()).encode()
+    frame = json.dumps(upright.frame.told().to_json()).encode()
     with path.open("wb") as file:
         np.savez(
             file,

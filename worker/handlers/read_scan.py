@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from typing import Any
-
 import numpy as np
 
 from service.db.models import Scan
 from service.domain.scan_options import ScanOptions
+from service.domain.scan_reading import ScanReading, ViewerCloud
 from service.usecases.record_scan_reading import record_scan_reading
 from worker.context import JobContext
 from worker.formats.pcd import write_pcd
@@ -15,7 +14,7 @@ from worker.formats.preview import LAYER, Drawn, write_preview
 from worker.formats.scan import read_upright_scan
 from worker.formats.upright import write_upright
 from worker.geometry.cloud.places import row_keys, smallest_that_fits
-from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.cloud.point_cloud import Label, PointCloud, extent_of
 from worker.geometry.cloud.voxel_grid import filter_cloud, voxel_index
 from worker.geometry.scan.upright import UprightScan
 
@@ -57,7 +56,7 @@ def read_scan(context: JobContext) -> None:
     write_upright(folder / "upright.npz", upright)
     names = ("points.pcd", "preview.png", "upright.npz")
     files = {name: context.kernel.blobs.adopt(folder / name) for name in names}
-    reading = _reading(upright, thin, voxel_size)
+    reading = _reading(upright, thin, voxel_size).to_json()
     with context.kernel.db.writing("record-scan-reading") as session:
         record_scan_reading(context.kernel, session, context.attempt, reading=reading, files=files)
 
@@ -80,15 +79,13 @@ def _thinned(upright: UprightScan) -> tuple[PointCloud, float]:
     return filter_cloud(cloud, voxel_size, label=Label.UNKNOWN), voxel_size
 
 
-def _reading(upright: UprightScan, thin: PointCloud, voxel_size: float) -> dict[str, Any]:
-    cloud = upright.scan
-    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
-    return {
-        "frame": "scan",
-        "points": len(cloud),
-        "extent_m": {"min": np.round(low, 4).tolist(), "max": np.round(high, 4).tolist()},
-        "viewer": {"points": len(thin), "voxel_size_m": round(voxel_size, 4)},
-        "outliers": int(upright.outliers.sum()),
-        "scan_frame": upright.frame.to_json(),
-        "findings": [finding.to_json() for finding in upright.findings()],
-    }
+def _reading(upright: UprightScan, thin: PointCloud, voxel_size: float) -> ScanReading:
+    return ScanReading(
+        frame="scan",
+        points=len(upright.scan),
+        extent_m=extent_of(upright.scan),
+        viewer=ViewerCloud(len(thin), round(voxel_size, 4)),
+        outliers=int(upright.outliers.sum()),
+        scan_frame=upright.frame.told(),
+        findings=upright.findings(),
+    )

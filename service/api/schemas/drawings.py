@@ -7,12 +7,13 @@ from typing import Any, Self
 
 from pydantic import BaseModel, ConfigDict, Field
 
-from service.api.schemas.base import Input, JsonObject, Number, Output, Text
+from service.api.schemas.base import Input, Number, Output, Text
 from service.api.schemas.edits import EditIn
 from service.api.schemas.jobs import JobOut
 from service.api.schemas.kept import Kept
 from service.db.uploads import DrawingRow
 from service.domain.drawing_options import MAX_KNOWN_LENGTHS, MAX_WALL_LAYERS, DrawingOptions
+from service.domain.drawing_reading import DrawingReading
 from service.domain.edits import MAX_EDITS
 
 
@@ -94,7 +95,7 @@ class DrawingOut(Output):
     size_bytes: int
     media_type: str
     options: Kept[DrawingOptions] = Field(description="What was said of it.")
-    reading: JsonObject | None = Field(
+    reading: Kept[DrawingReading | None] = Field(
         description="Scale with its evidence, counts and findings; null until a job has read the drawing."
     )
     files: DrawingFiles

@@ -99,7 +99,11 @@ def _model_of(kind: type[Any]) -> type[_Made]:
 
 def _upgraded_as(kind: Any) -> Any:
     def read(value: Any) -> Any:
-        return kind.upgraded(value) if isinstance(value, Mapping) else value
+        try:
+            return kind.upgraded(value) if isinstance(value, Mapping) else value
+        except (LookupError, TypeError, ValueError) as error:
+            msg = f"no version wrote this: {error}"
+            raise ValueError(msg) from error
 
     return model_validator(mode="before")(read)
 

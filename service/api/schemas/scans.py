@@ -17,6 +17,7 @@ from service.domain.errors import InvalidRequest
 from service.domain.formats import Purpose, listed
 from service.domain.rough_pose import RoughPose
 from service.domain.scan_options import UNITS, UP_AXES, SaidOfScan, ScanOptions
+from service.domain.scan_reading import ScanReading
 
 FORM: JsonObject = {
     "requestBody": {
@@ -98,7 +99,7 @@ class ScanOut(Output):
     options: Kept[ScanOptions | None] = Field(
         description="What was said of the file: `up` and `metres_per_unit`, null where they are found."
     )
-    reading: JsonObject | None = Field(
+    reading: Kept[ScanReading | None] = Field(
         description="Counts, extent and findings; null until a job has read the scan."
     )
     files: ScanFiles

@@ -9,6 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.extent import Extent
+
 
 class Label(IntEnum):
     """What a point belongs to, as the `label` field of PCL's ``PointXYZL``."""
@@ -67,3 +69,9 @@ def joined(clouds: Sequence[PointCloud]) -> PointCloud:
     return PointCloud(
         np.vstack([cloud.points for cloud in clouds]), np.concatenate([cloud.labels for cloud in clouds])
     )
+
+
+def extent_of(cloud: PointCloud) -> Extent:
+    """Return how far a cloud of a point or more reaches, to a tenth of a millimetre."""
+    low, high = (np.round(edge, 4).tolist() for edge in (cloud.points.min(axis=0), cloud.points.max(axis=0)))
+    return Extent((low[0], low[1], low[2]), (high[0], high[1], high[2]))

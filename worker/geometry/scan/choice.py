@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Any, Generic, Literal, TypeVar
+from typing import Any, Generic, TypeVar
+
+from service.domain.scan_reading import Source
 
 T = TypeVar("T")
-
-Source = Literal["given", "stated", "found", "assumed"]
-"""Given by a person, stated by the file, found from the points, or assumed for want of all of these."""
 
 
 @dataclass(frozen=True)
@@ -20,11 +19,7 @@ class Choice(Generic[T]):
     source: Source
     evidence: tuple[str, ...]
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the choice as a JSON object."""
-        return {"value": self.value, "source": self.source, "evidence": list(self.evidence)}
-
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> Choice[T]:
-        """Return the choice that `to_json` wrote."""
+        """Return the choice that a reading tells."""
         return cls(value["value"], value["source"], tuple(value["evidence"]))

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from service.domain.errors import CoordinatesTooLarge
 from service.domain.findings import Finding
 from service.domain.scan_options import ScanOptions
+from service.domain.scan_reading import AxisChoice, ScanFrameReading, UnitChoice
 from service.domain.transform import Transform
 from worker.geometry.cloud.point_cloud import PointCloud
 from worker.geometry.scan.choice import Choice
@@ -74,23 +75,23 @@ class ScanFrame:
         """Whether the tilt was large enough to be taken out, and small enough to be one."""
         return bool(_LEAST_TILT <= self.tilt <= _MOST_TILT)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the frame as a JSON object."""
-        return {
-            "kind": self.kind,
-            "up": self.up.to_json(),
-            "metres_per_unit": self.unit.to_json(),
-            "origin_m": list(self.origin),
-            "T_upright_scan": self.T_upright_scan.tolist(),
-            "tilt_deg": round(float(np.rad2deg(self.tilt)), 3),
-            "levelled": self.levelled,
-            "floor_height_m": None if self.floor is None else round(self.floor, 3),
-            "ceiling_height_m": None if self.ceiling is None else round(self.ceiling, 3),
-        }
+    def told(self) -> ScanFrameReading:
+        """Return the frame as a reading tells it."""
+        return ScanFrameReading(
+            kind=self.kind,
+            up=AxisChoice(self.up.value, self.up.source, self.up.evidence),
+            metres_per_unit=UnitChoice(self.unit.value, self.unit.source, self.unit.evidence),
+            origin_m=self.origin,
+            T_upright_scan=self.T_upright_scan,
+            tilt_deg=round(float(np.rad2deg(self.tilt)), 3),
+            levelled=self.levelled,
+            floor_height_m=None if self.floor is None else round(self.floor, 3),
+            ceiling_height_m=None if self.ceiling is None else round(self.ceiling, 3),
+        )
 
     @classmethod
     def from_json(cls, value: Mapping[str, Any]) -> ScanFrame:
-        """Return the frame that `to_json` wrote; tilt and heights have the digits that it kept."""
+        """Return the frame that `told` is about; tilt and heights have the digits that it kept."""
         x, y, z = value["origin_m"]
         return cls(
             kind=value["kind"],
@@ -239,32 +240,35 @@ def _findings(upright: UprightScan) -> tuple[Finding, ...]:
     points = upright.scan.points
     largest = float((points.max(axis=0) - points.min(axis=0)).max())
     tilt_deg = float(np.rad2deg(frame.tilt))
+    unit = {"metres_per_unit": frame.unit.value}
     found = []
     if frame.up.source != "given" and frame.up.value != "z":
         message = f"The scan's {frame.up.value} axis is up; it was turned so that z is."
-        found.append(Finding("scan-turned-upright", "info", message))
+        found.append(Finding("scan-turned-upright", "info", message, {"up": frame.up.value}))
     if frame.up.source == "assumed" and len(frame.up.evidence) > 1:
         message = f"The scan's up axis is doubtful: {frame.up.evidence[0]}"
-        found.append(Finding("scan-up-axis-doubtful", "warning", message))
+        found.append(Finding("scan-up-axis-doubtful", "warning", message, {"up": frame.up.value}))
     if frame.unit.source == "assumed" and frame.unit.evidence[-1].endswith("as well as m."):
-        found.append(Finding("scan-units-doubtful", "warning", frame.unit.evidence[-1]))
+        found.append(Finding("scan-units-doubtful", "warning", frame.unit.evidence[-1], unit))
     if frame.unit.source == "found" and frame.unit.value != 1.0:
         message = f"One unit of the scan was found to be {frame.unit.value:g} m: {frame.unit.evidence[0]}"
-        found.append(Finding("scan-unit-found", "warning", message))
+        found.append(Finding("scan-unit-found", "warning", message, unit))
     if frame.levelled:
         message = f"The scan's floor and ceiling were tilted by {tilt_deg:.1f} degrees; they were levelled."
-        found.append(Finding("scan-levelled", "info", message))
+        found.append(Finding("scan-levelled", "info", message, {"tilt_rad": frame.tilt}))
     elif frame.tilt > _MOST_TILT:
         message = f"The scan's level surfaces are tilted by {tilt_deg:.0f} degrees; it was left as it is."
-        found.append(Finding("scan-tilt-doubtful", "warning", message))
+        found.append(Finding("scan-tilt-doubtful", "warning", message, {"tilt_rad": frame.tilt}))
     if any(frame.origin):
         x, y, z = frame.origin
         message = f"The scan lies far off its origin; it is read relative to ({x:.0f}, {y:.0f}, {z:.0f}) m."
-        found.append(Finding("scan-moved-near", "info", message))
+        found.append(Finding("scan-moved-near", "info", message, {"origin_m": frame.origin}))
     if not _SMALLEST <= largest <= _LARGEST:
-        unit = frame.unit.value
-        message = f"The scan reaches over {largest:.3g} m: its unit is probably another than {unit:g} m."
-        found.append(Finding("scan-units-doubtful", "warning", message))
+        message = (
+            f"The scan reaches over {largest:.3g} m: its unit is probably another than "
+            f"{frame.unit.value:g} m."
+        )
+        found.append(Finding("scan-units-doubtful", "warning", message, {**unit, "extent_m": largest}))
     if (alone := int(upright.outliers.sum())) > 0:
         message = f"{alone} points of the scan stand alone and are not used."
         found.append(Finding("scan-outliers", "info", message, {"points": alone}))

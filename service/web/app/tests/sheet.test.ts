@@ -1,6 +1,16 @@
 import { expect, test } from "vitest";
 import type { Drawing } from "../src/api/client";
-import { isHidden, isKept, loadStrokes, mostlyInside, offBy, reasonOf, toDrawing, toFile } from "../src/view/sheet";
+import {
+  isHidden,
+  isKept,
+  loadStrokes,
+  mostlyInside,
+  offBy,
+  reasonOf,
+  toDrawing,
+  toFile,
+  type Framed,
+} from "../src/view/sheet";
 import { files, serve } from "./serving";
 import { told } from "./told";
 
@@ -28,14 +38,25 @@ test("a stroke is hidden by its layer or by its reason", async () => {
   expect(isHidden(wall!, new Set(["text"]))).toBe(false);
 });
 
-test.each(told.readings)("places go to the file's own coordinates and back (y down: $drawing_top)", (reading) => {
-  const back = toDrawing(reading, toFile(reading, [1.25, 3.5]));
-  expect(back[0]).toBeCloseTo(1.25, 12);
-  expect(back[1]).toBeCloseTo(3.5, 12);
-});
+const inMetres = {
+  scale: { state: "given", metres_per_unit: 0.01 },
+  drawing_origin: [2, 3],
+  drawing_top: null,
+} as const;
+const inPixels = { scale: null, drawing_origin: null, drawing_top: 400 };
+const framed = (reading: object) => reading as Framed;
+
+test.each([inMetres, inPixels].map(framed))(
+  "places go to the file's own coordinates and back (y down: $drawing_top)",
+  (reading) => {
+    const back = toDrawing(reading, toFile(reading, [1.25, 3.5]));
+    expect(back[0]).toBeCloseTo(1.25, 12);
+    expect(back[1]).toBeCloseTo(3.5, 12);
+  },
+);
 
 test("metres become the file's units, and y runs down where the file's does", () => {
-  const reading = { ...told.readings[0]!, drawing_origin: [2, 3] as [number, number] };
+  const reading = framed(inMetres);
   expect(toFile({ ...reading, drawing_top: null }, [1, 1])).toEqual([300, 400]);
   expect(toFile({ ...reading, drawing_top: 4 }, [1, 1])).toEqual([300, 300]);
 });

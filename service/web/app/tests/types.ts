@@ -1,4 +1,4 @@
-import type { Features, OctreeTold, Reading, SheetTold, StrokeFeature, WallFeature } from "../src/api/told";
+import type { Features, OctreeTold, SheetTold, StrokeFeature, WallFeature } from "../src/api/told";
 
 /** At least the members of `T`, at every depth. */
 type AtLeast<T> = T extends readonly unknown[]
@@ -9,7 +9,6 @@ type AtLeast<T> = T extends readonly unknown[]
 
 /** What `told.ts` holds: what the service tells has at least what the pages read of it. */
 export interface Told {
-  readings: AtLeast<Reading>[];
   strokes: AtLeast<Features<StrokeFeature>>[];
   walls: AtLeast<Features<WallFeature>>[];
   octrees: AtLeast<OctreeTold>[];

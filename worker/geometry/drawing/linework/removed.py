@@ -8,9 +8,10 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.drawing_reading import SourceLayer
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.roles import Roles, entity_lengths
-from worker.geometry.drawing.reading.reading import RemovedStroke, SourceLayer
+from worker.geometry.drawing.reading.reading import RemovedStroke
 from worker.geometry.drawing.text import Text
 
 _LETTER = 0.6

@@ -7,8 +7,9 @@ from dataclasses import dataclass, field, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.drawing_reading import SourceLayer
 from service.domain.findings import Finding
-from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, SourceLayer, Wall
+from worker.geometry.drawing.reading.reading import Column, Reading, RemovedStroke, Wall
 from worker.geometry.drawing.scale.decision import Scale
 
 _MARGIN = 0.5

@@ -100,7 +100,7 @@ def read_raster(grey: NDArray[np.uint8], *, scale: Scale, progress: Progress | N
     walls, columns, removed, style = _sort_out(ink, strokes, tell)
     size = (grey.shape[1] * metres_per_px, grey.shape[0] * metres_per_px)
     removed += _dust(dust, ink.metres_per_px)
-    counts: dict[str, float] = {"dust": len(dust)}
+    counts: dict[str, int] = {"dust": len(dust)}
     findings = () if walls else (_no_walls(len(strokes), size, metres_per_px),)
     reading = Reading(
         tuple(walls), tuple(columns), tuple(removed), size, scale, style, findings=findings, counts=counts

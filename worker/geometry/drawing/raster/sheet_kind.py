@@ -72,7 +72,8 @@ def check_sheet(grey: NDArray[np.uint8]) -> tuple[Finding, ...]:
         message = (
             "Much of the picture has continuous tones, as a photo has: what was found there may be no wall."
         )
-        return (Finding("photo-like", "serious", message, told),)
+        shares = {"paper_share": told["paper"], "tones_share": told["tones"]}
+        return (Finding("photo-like", "serious", message, shares),)
     return ()
 
 

@@ -181,11 +181,11 @@ def _share(mark: float, *, of: float) -> float:
 
 
 def _low(confidence: float, marks: Marks) -> Finding:
-    told = {name: round(float(value), 3) for name, value in vars(marks).items()}
+    told = {f"{name}_mark": round(float(value), 3) for name, value in vars(marks).items()}
     return Finding(
         "low-confidence",
         "serious",
         f"This reading is not sure of itself ({confidence:.2f} of 1): look at the preview before a map is "
         "made from it. The walls found hardly make up a building: see the marks.",
-        {"confidence": round(confidence, 3), "marks": told},
+        {"confidence": round(confidence, 3), **told},
     )

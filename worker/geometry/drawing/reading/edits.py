@@ -11,7 +11,7 @@ import shapely
 from numpy.typing import NDArray
 
 from service.domain.edits import AddWall, Edit, EraseWalls, Exclude, Include, Move
-from service.domain.findings import Finding
+from service.domain.findings import Finding, Value
 from worker.geometry.drawing.reading.clipping import cut_line, cut_wall, share_inside
 from worker.geometry.drawing.reading.file_frame import Box, FileFrame, box_of_id, outline, turn_of_id
 from worker.geometry.drawing.reading.moved_lines import walls_of_lines
@@ -55,8 +55,8 @@ def apply_edits(reading: Reading, edits: Sequence[Edit], *, progress: Progress |
             progress("edits", index / len(edits))
         if why := desk.apply(edit):
             message = f"Edit {index} ({edit.action}) does not fit and was left out: {why}."
-            members = {"edit": index, "action": edit.action}
-            misfits.append(Finding("edit-does-not-fit", "warning", message, members))
+            values: dict[str, Value] = {"edit": index, "action": edit.action}
+            misfits.append(Finding("edit-does-not-fit", "warning", message, values))
     return replace(
         reading,
         walls=tuple(desk.walls),

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from service.domain.findings import Finding
+from service.domain.geojson import Geometry
 from worker.geometry.drawing.reading.file_frame import FileFrame, boxes_of
 from worker.geometry.drawing.reading.reading import Reading
 
@@ -28,8 +29,8 @@ def several_plans(reading: Reading) -> Finding | None:
 
     Between two groups 2 m of paper are bare, but for texts, dimensions, frames and lines across most of the
     sheet; each group has at least a fifth of the largest one's walls, and their boxes do not overlap.
-    Buildings that stand apart on a site plan are found too: a person decides. The `within` of each plan is a
-    polygon in the file's own coordinates, ready for an edit that includes it.
+    Buildings that stand apart on a site plan are found too: a person decides. Its place is a
+    polygon for each plan in the file's own coordinates, the ring of an edit that includes it.
     """
     if len(reading.walls) < 2:
         return None
@@ -39,13 +40,14 @@ def several_plans(reading: Reading) -> Finding | None:
     if len(alone) < 2:
         return None
     frame = FileFrame.of(reading)
-    plans = [{"within": _corners(boxes[i], _MARGIN / metres, frame)} for i in alone[:_MOST]]
+    plans = [_corners(boxes[i], _MARGIN / metres, frame) for i in alone[:_MOST]]
     return Finding(
         "several-plans",
         "warning",
         f"The walls stand in {len(alone)} groups with bare paper between them: if the sheet shows several "
         "plans, include one of them by an edit.",
-        {"plans": plans},
+        {"plans": len(alone)},
+        Geometry.polygons(plans),
     )
 
 

@@ -8,6 +8,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import NDArray
 
+from service.domain.drawing_reading import SourceLayer
 from service.domain.findings import Finding
 from worker.geometry.drawing.scale.decision import Scale
 
@@ -84,29 +85,6 @@ class RemovedStroke:
     reason: str
 
 
-@dataclass(frozen=True)
-class SourceLayer:
-    """Hold a layer of a vector file: its name as the file spells it, and as what it was taken.
-
-    Parameters
-    ----------
-    name : str
-        As in the file.
-    role : str
-        ``wall``, ``column``, ``door``, ``window``, ``text``, ``dimension``, ``hatch``, ``furniture``,
-        ``stair``, ``frame``, ``grid`` or ``other``.
-    reason : str
-        What decided: a name rule, the geometry, or a person.
-    length : float
-        Length of its lines, in `unit`.
-    """
-
-    name: str
-    role: str
-    reason: str
-    length: float
-
-
 @dataclass(frozen=True, eq=False)
 class Reading:
     """Hold what was read from a drawing, in frame `drawing`: x right, y up, origin at the sheet's lower left.
@@ -123,8 +101,8 @@ class Reading:
         How the drawing shows walls: ``filled``, ``outlined`` or ``single-line``.
     findings : tuple of Finding
         Remarks for the person who looks at the reading.
-    counts : dict of str to float
-        Numbers for ``reading.json``.
+    counts : dict of str to int
+        What else was counted, by members of `DrawingCounts`.
     origin : tuple of float
         Where the origin of frame `drawing` lies in the file's own coordinates, in `unit`.
     layers : tuple of SourceLayer
@@ -143,7 +121,7 @@ class Reading:
     scale: Scale
     style: str
     findings: tuple[Finding, ...] = ()
-    counts: dict[str, float] = field(default_factory=dict)
+    counts: dict[str, int] = field(default_factory=dict)
     origin: tuple[float, float] = (0.0, 0.0)
     layers: tuple[SourceLayer, ...] = ()
     confidence: float = 1.0

@@ -4,8 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
 
+from service.domain.drawing_reading import DrawingScale, ScaleCandidate, ScaleState, ScaleWitness
 from service.domain.findings import Finding
 from service.domain.scale_hint import ScaleHint
 
@@ -19,8 +19,6 @@ _STATED = "measured-length"
 _EACH_COUNTS = frozenset({"dimension-text", "scale-bar", "given-length", _STATED})
 _ENOUGH, _OUTNUMBERED = 2, 3
 _MOST_CANDIDATES, _MOST_REMARKS, _MOST_HEARD = 12, 8, 200
-
-State = Literal["given", "found", "unknown"]
 
 
 @dataclass(frozen=True)
@@ -62,14 +60,10 @@ class Witness:
         """Return whether the witness agrees with a scale, give or take 2 %."""
         return self.low / (1 + AGREEMENT) <= metres_per_unit <= self.high * (1 + AGREEMENT)
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the witness as a JSON object."""
-        return {
-            "kind": self.kind,
-            "metres_per_unit": [self.low, self.high] if self.high > self.low else self.low,
-            "detail": self.detail,
-            "count": self.count,
-        }
+    def told(self) -> ScaleWitness:
+        """Return the witness as a reading tells it."""
+        likely = (self.low, self.high) if self.high > self.low else self.low
+        return ScaleWitness(self.kind, likely, self.detail, self.count)
 
 
 @dataclass(frozen=True)
@@ -88,22 +82,22 @@ class Scale:
         Scales that some witness names, the best supported first; for a person to choose from.
     """
 
-    state: State
+    state: ScaleState
     metres_per_unit: float | None
     witnesses: tuple[Witness, ...] = ()
     candidates: tuple[float, ...] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the scale as a JSON object."""
-        return {
-            "state": self.state,
-            "metres_per_unit": self.metres_per_unit,
-            "witnesses": [w.to_json() for w in self.witnesses],
-            "candidates": [
-                {"metres_per_unit": c, "witnesses": [w.kind for w in self.witnesses if w.allows(c)]}
+    def told(self) -> DrawingScale:
+        """Return the scale as a reading tells it."""
+        return DrawingScale(
+            self.state,
+            self.metres_per_unit,
+            tuple(w.told() for w in self.witnesses),
+            tuple(
+                ScaleCandidate(c, tuple(w.kind for w in self.witnesses if w.allows(c)))
                 for c in self.candidates
-            ],
-        }
+            ),
+        )
 
 
 def given(metres_per_unit: float, witnesses: Sequence[Witness] = ()) -> Scale:
@@ -217,7 +211,12 @@ def _against(value: float, witness: Witness, *, given: bool) -> Finding:
         "scale-contradicted",
         "warning" if serious else "info",
         f"The scale {whose}, {value:.6g} metres a unit, does not agree with this: {witness.detail}",
-        {"witness": witness.to_json()},
+        {
+            "witness": witness.kind,
+            "metres_per_unit_low": witness.low,
+            "metres_per_unit_high": witness.high,
+            "count": witness.count,
+        },
     )
 
 
@@ -231,7 +230,7 @@ def _camps(scale: Scale) -> list[Finding]:
             "scale-witnesses-disagree",
             "warning",
             f"Witnesses of the scale stand in several camps: {names} metres a unit. Measure one length.",
-            {"candidates": list(strong[:_MOST_REMARKS])},
+            {"metres_per_unit": list(strong[:_MOST_REMARKS])},
         )
     ]
 

@@ -1,6 +1,5 @@
 /** The one way to the service: the public API, with the session cookie and its header. */
 import type { components } from "./schema";
-import type { Reading } from "./told";
 
 export type Schemas = components["schemas"];
 
@@ -22,7 +21,11 @@ export type Job = Told<Schemas["JobOut"]>;
 export type SiteMap = Told<Schemas["MapOut"]>;
 export type Placement = Told<Schemas["PlacementOut"]>;
 export type Scan = Told<Schemas["ScanOut"]>;
-export type Drawing = Told<Schemas["DrawingOut"], { reading: Reading | null }>;
+export type Drawing = Told<Schemas["DrawingOut"]>;
+export type Reading = NonNullable<Drawing["reading"]>;
+export type Scale = NonNullable<Reading["scale"]>;
+/** Metres a unit, or the lowest and highest that are likely. */
+export type Likely = NonNullable<NonNullable<Scale["witnesses"]>[number]["metres_per_unit"]>;
 export type Revision = Told<Schemas["RevisionOut"]>;
 export type Robot = Told<Schemas["RobotOut"]>;
 export type Key = Told<Schemas["KeyOut"]>;

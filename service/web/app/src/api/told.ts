@@ -1,5 +1,5 @@
 /**
- * What the service tells beside its API's description: members that the description leaves open, and files.
+ * What the service tells beside its API's description: its files.
  * The types name what the pages read; `tests/told.ts` holds what the service does tell, and has to be of them.
  */
 import type { components } from "./schema";
@@ -10,26 +10,6 @@ export type StrokeLayer = Extract<Edit, { action: "move" }>["to"];
 
 /** 4 x 4, row by row. */
 export type Matrix = number[][];
-
-/** Metres a unit, or the lowest and highest that are likely. */
-export type Likely = number | [low: number, high: number];
-
-export interface Scale {
-  state: "given" | "found" | "unknown";
-  metres_per_unit: number | null;
-  witnesses: { kind: string; detail: string; metres_per_unit: Likely }[];
-  candidates: { metres_per_unit: number; witnesses: string[] }[];
-}
-
-/** Of a drawing. */
-export interface Reading {
-  scale: Scale;
-  sheet: Point;
-  confidence: number;
-  drawing_origin: Point;
-  drawing_top: number | null;
-  findings: { code: string; severity: string; message: string }[];
-}
 
 export interface Features<F> {
   features: F[];

@@ -1,13 +1,23 @@
 /** Correct a drawing: what is a wall and what is not, how large it is, and the first map from it. */
 import { useEffect, useLayoutEffect, useMemo, useRef, useState } from "preact/hooks";
-import { follow, get, patch, type Drawing, type Job, type Schemas } from "../api/client";
-import type { Edit, Point, Reading, StrokeLayer } from "../api/told";
+import { follow, get, patch, type Drawing, type Job, type Reading, type Schemas } from "../api/client";
+import type { Edit, Point, StrokeLayer } from "../api/told";
 import { useLoaded } from "../api/useLoaded";
 import { named, t } from "../i18n";
 import { Failure, Loading, Progress } from "../ui/parts";
 import { SheetTiles } from "../view/SheetTiles";
 import { SheetView, type Mark } from "../view/SheetView";
-import { isHidden, isKept, KEPT, loadStrokes, mostlyInside, toDrawing, toFile, type Stroke } from "../view/sheet";
+import {
+  isHidden,
+  isKept,
+  KEPT,
+  loadStrokes,
+  mostlyInside,
+  sizeOf,
+  toDrawing,
+  toFile,
+  type Stroke,
+} from "../view/sheet";
 import { BuildPanel } from "./BuildPanel";
 import { StrokeLayers } from "./StrokeLayers";
 import { ScalePanel, type KnownLength } from "./ScalePanel";
@@ -151,7 +161,7 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
     },
   };
   useLayoutEffect(() => {
-    const made = new SheetView(canvas.current!, reading.sheet, {
+    const made = new SheetView(canvas.current!, sizeOf(reading), {
       tapped: (at) => heard.current.tapped(at),
       drawn: (ring) => heard.current.drawn(ring),
     });
@@ -315,12 +325,12 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
           chosen={(metres) => void change({ scale: { metres_per_unit: metres } })}
         />
         <StrokeLayers strokes={strokes} hidden={hidden} setHidden={setHidden} />
-        {reading.findings.length > 0 && (
+        {!!reading.findings?.length && (
           <section class="card" aria-label={t("draw.findings")}>
             <h2>{t("draw.findings")}</h2>
             <ul class="reasons">
               {reading.findings.map((one, k) => (
-                <li key={k} class={one.severity}>
+                <li key={k} class={one.severity ?? ""}>
                   {one.message}
                 </li>
               ))}
@@ -330,7 +340,7 @@ function Editor({ drawing, reading, strokes, tiles, mapId, reload }: EditorProps
         <BuildPanel
           mapId={mapId}
           drawingId={drawing.id}
-          blocked={unsaved || job !== null || !strokes.some(isKept) || reading.scale.metres_per_unit === null}
+          blocked={unsaved || job !== null || !strokes.some(isKept) || !reading.scale?.metres_per_unit}
         />
       </aside>
     </div>
@@ -351,7 +361,7 @@ export default function DrawingPage({ mapId, drawingId }: { mapId: string; drawi
         {value && <span class="quiet">{value.drawing.file_name}</span>}
         {value?.reading && (
           <span class="quiet">
-            {t("draw.confidence")}: {Math.round(value.reading.confidence * 100)} %
+            {t("draw.confidence")}: {Math.round((value.reading.confidence ?? 0) * 100)} %
           </span>
         )}
         <span class="spread" />

@@ -1,7 +1,6 @@
 /** How large the drawing is: what says so, where the witnesses disagree, and a length measured by two clicks. */
 import { useState } from "preact/hooks";
-import type { Schemas } from "../api/client";
-import type { Scale } from "../api/told";
+import type { Scale, Schemas } from "../api/client";
 import { named, t } from "../i18n";
 import { Chip } from "../ui/parts";
 import { offBy } from "../view/sheet";
@@ -9,7 +8,7 @@ import { offBy } from "../view/sheet";
 export type KnownLength = Schemas["KnownLengthIn"];
 
 interface ScalePanelProps {
-  scale: Scale;
+  scale: Scale | null;
   clicks: number;
   measuring: boolean;
   busy: boolean;
@@ -24,6 +23,8 @@ const unitText = (metres: number) => `${metres.toPrecision(5)} m`;
 export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }: ScalePanelProps) {
   const [length, setLength] = useState("");
   const [unit, setUnit] = useState<keyof typeof UNITS>("m");
+  const perUnit = scale?.metres_per_unit ?? null;
+  const state = scale?.state ?? "unknown";
   const metres = Number(length.replace(",", ".")) * UNITS[unit];
   const go = (event: Event) => {
     event.preventDefault();
@@ -33,12 +34,12 @@ export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }:
     <section class="card" aria-label={t("draw.scaleIs")}>
       <div class="title">
         <h2>{t("draw.scaleIs")}</h2>
-        <Chip tone={TONES[scale.state]}>{named("scale", scale.state)}</Chip>
+        <Chip tone={TONES[state]}>{named("scale", state)}</Chip>
       </div>
-      <p>{scale.metres_per_unit ? `${unitText(scale.metres_per_unit)} / ${t("draw.unit")}` : t("draw.unknown")}</p>
+      <p>{perUnit ? `${unitText(perUnit)} / ${t("draw.unit")}` : t("draw.unknown")}</p>
       <ul class="reasons">
-        {scale.witnesses.map((one, k) => {
-          const off = scale.metres_per_unit ? offBy(scale.metres_per_unit, one.metres_per_unit) : 0;
+        {scale?.witnesses?.map((one, k) => {
+          const off = perUnit && one.metres_per_unit ? offBy(perUnit, one.metres_per_unit) : 0;
           return (
             <li key={k}>
               {one.kind}: {one.detail}
@@ -53,12 +54,15 @@ export function ScalePanel({ scale, clicks, measuring, busy, measured, chosen }:
           );
         })}
       </ul>
-      {scale.state === "unknown" &&
-        scale.candidates.map((one) => (
-          <button key={one.metres_per_unit} type="button" disabled={busy} onClick={() => chosen(one.metres_per_unit)}>
-            {unitText(one.metres_per_unit)} ({one.witnesses.join(", ")})
-          </button>
-        ))}
+      {state === "unknown" &&
+        scale?.candidates?.map(
+          ({ metres_per_unit: said, witnesses }) =>
+            said !== null && (
+              <button key={said} type="button" disabled={busy} onClick={() => chosen(said)}>
+                {unitText(said)} ({witnesses?.join(", ")})
+              </button>
+            ),
+        )}
       {measuring && (
         <form onSubmit={go}>
           <label>

@@ -1,6 +1,6 @@
 /** A reading as strokes: what was kept as walls, and what was set aside; and the way to the file's own coordinates. */
-import { get, type Drawing } from "../api/client";
-import type { Features, Likely, Point, Reading, StrokeFeature, StrokeLayer } from "../api/told";
+import { get, type Drawing, type Likely, type Reading } from "../api/client";
+import type { Features, Point, StrokeFeature, StrokeLayer } from "../api/told";
 
 export interface Stroke {
   id: string;
@@ -49,26 +49,34 @@ export async function loadStrokes(drawing: Drawing): Promise<Stroke[]> {
   return read.flatMap((collection) => collection.features.map(strokeOf));
 }
 
-const factorOf = (reading: Reading) => reading.scale.metres_per_unit ?? 1;
+/** What of a reading tells where its frame lies in the file. */
+export type Framed = Pick<Reading, "scale" | "drawing_origin" | "drawing_top">;
+const factorOf = (reading: Framed) => reading.scale?.metres_per_unit ?? 1;
+
+/** Width and height of the sheet. */
+export function sizeOf({ sheet }: Pick<Reading, "sheet">): Point {
+  const [width = 1, height = 1] = sheet ?? [];
+  return [width, height];
+}
 
 /** A point of frame `drawing` in the file's own coordinates. */
-export function toFile(reading: Reading, [x, y]: Point): Point {
-  const [ox, oy] = reading.drawing_origin;
+export function toFile(reading: Framed, [x, y]: Point): Point {
+  const [ox = 0, oy = 0] = reading.drawing_origin ?? [];
   const up = reading.drawing_top === null ? y + oy : reading.drawing_top - y;
   return [(x + ox) / factorOf(reading), up / factorOf(reading)];
 }
 
 /** A point of the file in frame `drawing`. */
-export function toDrawing(reading: Reading, [x, y]: readonly number[] | Point): Point {
-  const [ox, oy] = reading.drawing_origin;
+export function toDrawing(reading: Framed, [x, y]: readonly number[] | Point): Point {
+  const [ox = 0, oy = 0] = reading.drawing_origin ?? [];
   const [fx, fy] = [x * factorOf(reading), y * factorOf(reading)];
   return [fx - ox, reading.drawing_top === null ? fy - oy : reading.drawing_top - fy];
 }
 
 /** By how much a witness differs from a scale [%]: 0 where what it holds likely has the scale in it. */
 export function offBy(metresPerUnit: number, likely: Likely): number {
-  const [low, high] = typeof likely === "number" ? [likely, likely] : likely;
-  const nearest = Math.min(high, Math.max(low, metresPerUnit));
+  const range = typeof likely === "number" ? [likely] : likely;
+  const nearest = Math.min(Math.max(...range), Math.max(Math.min(...range), metresPerUnit));
   return 100 * (nearest / metresPerUnit - 1);
 }
 
