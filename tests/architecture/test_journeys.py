@@ -1,4 +1,4 @@
-"""Journeys and recipes name files and functions that are there, and every name in them is looked at."""
+"""Journeys, recipes and the page of places name what is there, and every name in them is looked at."""
 
 from __future__ import annotations
 
@@ -15,10 +15,11 @@ JOURNEYS = (ROOT / "docs" / "journeys.md").read_text(encoding="utf-8")
 RECIPES = (
     (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Recipes")[2].partition("\n## ")[0]
 )
-_NAMED = re.compile(r"`((?:service|worker|tests|docs)/[\w/.]*[\w/])(?::([\w.]+))?`")
+PLACES = (ROOT / "docs" / "where.md").read_text(encoding="utf-8").partition("\n## ")[2]
+_NAMED = re.compile(r"`((?:service|worker|client|tests|docs)/[\w/.]*[\w/])(?::([\w.]+))?`")
 _FILE = re.compile(r"`[^` ]*[/.][^` ]*`")
 _TOOLS = re.compile(r"`(?:tools|poe)\b")
-NAMED = sorted(set(_NAMED.findall(JOURNEYS + RECIPES)))
+NAMED = sorted(set(_NAMED.findall(JOURNEYS + RECIPES + PLACES)))
 
 
 def _names(body: list[ast.stmt], before: str = "") -> set[str]:
@@ -38,18 +39,26 @@ def _names(body: list[ast.stmt], before: str = "") -> set[str]:
 @pytest.mark.parametrize(("path", "name"), NAMED)
 def test_a_step_is_in_the_sources(path: str, name: str) -> None:
     assert (ROOT / path).exists()
-    assert not name or name in _names(ast.parse((ROOT / path).read_text(encoding="utf-8")).body)
+    if not name:
+        return
+    text = (ROOT / path).read_text(encoding="utf-8")
+    if path.endswith((".ts", ".tsx")):
+        assert re.search(
+            rf"^(?:export )?(?:async )?(?:function|const|interface) {name}\b", text, re.MULTILINE
+        )
+    else:
+        assert name in _names(ast.parse(text).body)
 
 
-@pytest.mark.parametrize("page", [JOURNEYS, RECIPES], ids=["journeys", "recipes"])
+@pytest.mark.parametrize("page", [JOURNEYS, RECIPES, PLACES], ids=["journeys", "recipes", "places"])
 def test_no_step_is_named_otherwise(page: str) -> None:
     files = [name for name in _FILE.findall(page) if not _TOOLS.match(name)]
     assert len(files) > 10
     assert [name for name in files if not _NAMED.fullmatch(name)] == []
 
 
-def test_there_are_five_journeys_and_four_recipes() -> None:
-    assert len(re.findall(r"^## ", JOURNEYS, flags=re.MULTILINE)) == 5
+def test_there_are_seven_journeys_and_four_recipes() -> None:
+    assert len(re.findall(r"^## ", JOURNEYS, flags=re.MULTILINE)) == 7
     assert re.findall(r"^### (.+)", RECIPES, flags=re.MULTILINE) == [
         "A format",
         "A finding",
