@@ -111,7 +111,7 @@ class Story:
         evidence = {name: placement["evidence"][name] for name in _EVIDENCE}
         self.console.say(f"verdict: {verdict}; {_numbers(evidence)}")
         for reason in placement["reasons"]:
-            self.console.say(f"  {reason}")
+            self.console.say(f"  {reason['detail']}")
         expect(verdict == "accepted", f"the verdict is {verdict}: {placement['reasons']}")
         expect(
             off <= _MAX_ERROR_M and math.degrees(turned) <= _MAX_ERROR_DEG,

@@ -16,27 +16,45 @@ from service.domain.acceptance_table import (
     CLOSED_RIVAL,
     CONTRADICTION_WEIGHT,
     FREE_RIVAL_MARGIN,
+    HELD,
+    NO_RIVAL,
+    ON_THE_MAP,
     RUNNER_UP_MARGIN,
+    STARTS_AGREE,
     TABLE,
+    UNCHECKED_WALL,
     UNEXPLAINED_PART,
+    Limit,
     Regime,
     Verdict,
 )
 from service.domain.evidence import PlacementEvidence
+from service.domain.reasons import Reason, names_in
+
+_MEASURED_AS = {
+    "weak_directions_named": "weak_directions",
+    "position_sensitivity_cm": "position_sensitivity_m",
+    "slide_away_m": "slide_m",
+    "runner_up_away_m": "runner_up_distance_m",
+    "runner_up_away_deg": "runner_up_turn_rad",
+    "turned_deg": "turned_rad",
+    "tilt_deg": "tilt_rad",
+}
+"""What a sentence shows otherwise than it is measured."""
 
 _SEEN_THROUGH = next(row for row in TABLE if row.measure == "contradicted_share")
 
 
 @dataclass(frozen=True)
 class Judgement:
-    """Hold a verdict and, as sentences, what led to it."""
+    """Hold a verdict, and what led to it."""
 
     verdict: Verdict
-    reasons: tuple[str, ...]
+    reasons: tuple[Reason, ...]
 
     def to_json(self) -> dict[str, Any]:
         """Return the judgement as a JSON object."""
-        return {"verdict": self.verdict, "reasons": list(self.reasons)}
+        return {"verdict": self.verdict, "reasons": [reason.to_json() for reason in self.reasons]}
 
 
 def judge(evidence: PlacementEvidence) -> Judgement:
@@ -51,14 +69,27 @@ def judge(evidence: PlacementEvidence) -> Judgement:
     measures["runner_up_excess"] = _runner_up_excess(evidence, regime)
     broken = [row for row in TABLE if row.sentence and not row.is_kept(measures[row.measure], regime)]
     for verdict in ("rejected", "needs-review"):
-        told = [
-            row.sentence.format(**measures, limit=row.limits[regime])
-            for row in broken
-            if row.verdict == verdict
-        ]
+        told = [_reason(row, measures, regime) for row in broken if row.verdict == verdict]
         if told:
-            return Judgement(verdict, tuple(dict.fromkeys(told)))
-    return Judgement("accepted", tuple(_in_favour(evidence)))
+            sentences = [reason.detail for reason in told]
+            return Judgement(verdict, tuple(told[sentences.index(one)] for one in dict.fromkeys(sentences)))
+    return Judgement("accepted", tuple(_in_favour(evidence, measures)))
+
+
+def _reason(row: Limit, measures: Mapping[str, Any], regime: Regime) -> Reason:
+    """Return what a measure beyond its limit says: what the sentence shows, in SI units, and the limit."""
+    limit = row.limits[regime]
+    values = {row.measure_key: measures[row.measure], row.limit_key: limit}
+    return Reason(
+        code=row.code,
+        values=values | _shown(row.sentence, measures, without=row.measure),
+        detail=row.sentence.format(**measures, limit=limit),
+    )
+
+
+def _shown(sentence: str, measures: Mapping[str, Any], *, without: str = "") -> dict[str, Any]:
+    names = [_MEASURED_AS.get(name, name) for name in names_in(sentence)]
+    return {name: measures[name] for name in names if name not in ("limit", without)}
 
 
 def _measures(e: PlacementEvidence) -> dict[str, Any]:
@@ -109,19 +140,12 @@ def _runner_up_excess(e: PlacementEvidence, regime: Regime) -> float | None:
     return max(there - share, there - weight * seen_through - (explained - margin))
 
 
-def _in_favour(e: PlacementEvidence) -> list[str]:
+def _in_favour(e: PlacementEvidence, measures: Mapping[str, Any]) -> list[Reason]:
     """Return what an accepted pose rests on."""
-    share, median = e.inlier_share_of_structure, e.residual_median_m
-    reasons = [
-        f"{share:.0%} of the scanned structure lies on the map, {median:.3f} m off in the median.",
-        f"{e.upright_surfaces} distinct upright surfaces hold the pose in every direction.",
-        f"{e.starts_agreeing} of {e.starts} starts ended at this pose."
-        if e.starts
-        else f"Of {e.poses_compared} poses compared no other fits nearly as well.",
-    ]
+    supports = [ON_THE_MAP, HELD, STARTS_AGREE if e.starts else NO_RIVAL]
     if e.slide_gain is not None:  # it rests on a wall that hardly anything checks
-        reasons.append(
-            "In one direction no two walls face each other in the scan: if the only wall there stands "
-            "elsewhere than drawn, so does the scan, and only doors and ends of other walls could tell."
-        )
-    return reasons
+        supports.append(UNCHECKED_WALL)
+    return [
+        Reason(one.code, _shown(one.sentence, measures), detail=one.sentence.format(**measures))
+        for one in supports
+    ]

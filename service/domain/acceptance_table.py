@@ -56,12 +56,31 @@ class Limit:
     opens: tuple[Regime, ...] = ()
     trials: str
 
+    @property
+    def limit_key(self) -> str:
+        """Return the name of the limit among a reason's values, with its unit: ``limit_share``."""
+        return f"limit_{self.unit.partition(' ')[0]}"
+
+    @property
+    def measure_key(self) -> str:
+        """Return the name of the measure among a reason's values: its own, with the unit where it lacks."""
+        is_bare_share = self.unit.startswith("share") and "share" not in self.measure
+        return f"{self.measure}_share" if is_bare_share else self.measure
+
     def is_kept(self, value: float | None, regime: Regime) -> bool:
         """Return whether a right pose may have this value; one that was not measured speaks against none."""
         limit = self.limits.get(regime)
         if limit is None or value is None:
             return True
         return value >= limit if self.asked == "at least" else value <= limit
+
+
+@dataclass(frozen=True, kw_only=True)
+class Support:
+    """Hold a reason of an accepted pose: its code, and the sentence that names what it rests on."""
+
+    code: str
+    sentence: str
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -114,7 +133,7 @@ TABLE: tuple[Limit, ...] = (
         code="not-at-rest",
         measure="converged",
         asked="at least",
-        unit="1 if it came to rest",
+        unit="truth (1 if it came to rest)",
         limits=_by_regime(1),
         sentence="The placement had not come to rest when its iterations ran out.",
         trials="None: a pose that still moves is not the one that was looked for.",
@@ -222,7 +241,7 @@ TABLE: tuple[Limit, ...] = (
         code="few-walls",
         measure="upright_surfaces",
         asked="at least",
-        unit="distinct upright planes",
+        unit="surfaces (distinct upright planes)",
         limits=_by_regime(3, closed=None),
         sentence="The scan rests on {upright_surfaces} upright surfaces; with fewer than {limit} another "
         "corner fits as well. Scan a third wall.",
@@ -337,3 +356,26 @@ CLOSED_RIVAL = Factor(
 )
 FACTORS = (CONTRADICTION_WEIGHT, RUNNER_UP_MARGIN, UNEXPLAINED_PART, FREE_RIVAL_MARGIN, CLOSED_RIVAL)
 """Every number of the comparison with the runner-up and the mirror image."""
+
+ON_THE_MAP = Support(
+    code="structure-on-the-map",
+    sentence="{inlier_share_of_structure:.0%} of the scanned structure lies on the map, "
+    "{residual_median_m:.3f} m off in the median.",
+)
+HELD = Support(
+    code="held-by-surfaces",
+    sentence="{upright_surfaces} distinct upright surfaces hold the pose in every direction.",
+)
+STARTS_AGREE = Support(
+    code="starts-agree", sentence="{starts_agreeing} of {starts} starts ended at this pose."
+)
+NO_RIVAL = Support(
+    code="no-rival", sentence="Of {poses_compared} poses compared no other fits nearly as well."
+)
+UNCHECKED_WALL = Support(
+    code="lone-wall-unchecked",
+    sentence="In one direction no two walls face each other in the scan: if the only wall there stands "
+    "elsewhere than drawn, so does the scan, and only doors and ends of other walls could tell.",
+)
+SUPPORTS = (ON_THE_MAP, HELD, STARTS_AGREE, NO_RIVAL, UNCHECKED_WALL)
+"""What an accepted pose can rest on."""

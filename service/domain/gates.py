@@ -19,15 +19,23 @@ class Gate:
         A layer or a drawing, by its id.
     message : str
         What was found, and what to do.
+    reasons : sequence of mapping
+        Of a placement's verdict, as `Reason.to_json` gives them.
     """
 
     code: str
     subject: str
     message: str
+    reasons: Sequence[Mapping[str, Any]] = ()
 
     def to_json(self) -> dict[str, Any]:
         """Return the gate as a JSON object."""
-        return {"code": self.code, "subject": self.subject, "message": self.message}
+        return {
+            "code": self.code,
+            "subject": self.subject,
+            "message": self.message,
+            "reasons": list(self.reasons),
+        }
 
 
 @dataclass(frozen=True)
@@ -37,7 +45,7 @@ class JudgedLayer:
     layer_id: str
     name: str
     verdict: str
-    reasons: Sequence[str]
+    reasons: Sequence[Mapping[str, Any]]
 
 
 def closed_gates(
@@ -66,4 +74,5 @@ def closed_gates(
 
 def _not_accepted(layer: JudgedLayer) -> Gate:
     told = f"The placement of the layer {layer.name!r} has the verdict {layer.verdict!r}"
-    return Gate("placement-not-accepted", layer.layer_id, ": ".join([told, *layer.reasons[:1]]))
+    first = [str(reason["detail"]) for reason in layer.reasons[:1]]
+    return Gate("placement-not-accepted", layer.layer_id, ": ".join([told, *first]), layer.reasons)

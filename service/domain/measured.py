@@ -20,8 +20,8 @@ class Measured:
         return _members(self)
 
     @classmethod
-    def upgraded(cls, value: Mapping[str, Any]) -> Mapping[str, Any]:
-        """Return a JSON object that an earlier version wrote as this one would have."""
+    def upgraded(cls, value: Any) -> Any:
+        """Return what an earlier version wrote, an object or a text, as this one would have."""
         return value
 
 

@@ -9,6 +9,7 @@ from service.db.models import Placement
 from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import PlacementNotAcceptable, PlacementNotFound
+from service.domain.reasons import kept_reasons
 from service.usecases.scans import covered_scan
 
 
@@ -58,11 +59,11 @@ def require_acceptable(row: Placement, *, reviewed: bool) -> None:
         raise PlacementNotAcceptable(
             f"The placement {row.id} was rejected; place the scan again from a better pose.",
             verdict=row.verdict,
-            reasons=row.reasons,
+            reasons=kept_reasons(row.reasons),
         )
     if row.verdict == "needs-review" and not reviewed:
         raise PlacementNotAcceptable(
             f"The placement {row.id} needs a review: look at it, then send reviewed = true.",
             verdict=row.verdict,
-            reasons=row.reasons,
+            reasons=kept_reasons(row.reasons),
         )

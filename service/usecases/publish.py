@@ -14,6 +14,7 @@ from service.domain.access import Actor
 from service.domain.errors import GatesClosed, NothingPublished, PointerMoved
 from service.domain.gates import Gate, JudgedLayer, closed_gates
 from service.domain.lifecycle import Role
+from service.domain.reasons import kept_reasons
 from service.usecases.audit import record
 from service.usecases.deltas import foresee_delta
 from service.usecases.events import tell_published
@@ -209,7 +210,7 @@ def _gates(session: Session, revision: Revision, *, channel: str) -> list[Gate]:
     rows = [row for row in table.layers_of(session, [revision.id])[revision.id] if row.visible]
     placements = find_placements(session, [row.placement_id for row in rows])
     layers = [
-        JudgedLayer(row.layer_id, row.name, str(found.verdict), found.reasons or [])
+        JudgedLayer(row.layer_id, row.name, str(found.verdict), kept_reasons(found.reasons))
         for row in rows
         if (found := placements.get(row.placement_id)) is not None
     ]

@@ -192,11 +192,12 @@ def outcome(kind: str, seed: int) -> Outcome:
     except PlacementNotComputed:
         return Outcome(False, "refused", inside=False, offset_m=np.inf)
     judged = judge(placed.evidence)
+    told = tuple(reason.detail for reason in judged.reasons)
     if trial.truth is None:
-        return Outcome(False, judged.verdict, inside=False, offset_m=np.inf, reasons=judged.reasons)
+        return Outcome(False, judged.verdict, inside=False, offset_m=np.inf, reasons=told)
     offset, turn = placed.T_map_scan.distance_to(trial.truth)
     right = offset < RIGHT_M and turn < RIGHT_RAD
-    return Outcome(right, judged.verdict, _as_stated(placed, trial.truth), offset, judged.reasons)
+    return Outcome(right, judged.verdict, _as_stated(placed, trial.truth), offset, told)
 
 
 def _as_stated(placed: Placed, truth: Transform) -> bool:

@@ -66,7 +66,7 @@ def test_a_wall_where_it_is_drawn_is_believed_and_said_to_be_alone() -> None:
     assert found.evidence.slide_gain < 0.0
     judgement = judge(found.evidence)
     assert judgement.verdict == "accepted", judgement.reasons
-    assert "so does the scan" in judgement.reasons[-1]
+    assert "so does the scan" in judgement.reasons[-1].detail
 
 
 @pytest.mark.parametrize("end", [-0.8, -0.4, 0.35])

@@ -37,14 +37,14 @@ def test_a_room_that_is_its_own_mirror_image_is_looked_at_by_a_person() -> None:
     assert placed.evidence.mirrored_inlier_share == pytest.approx(1.0, abs=0.01)
     judgement = judge(placed.evidence)
     assert judgement.verdict == "needs-review"
-    assert any("its own mirror image" in reason for reason in judgement.reasons)
+    assert any("its own mirror image" in reason.detail for reason in judgement.reasons)
 
 
 def test_a_map_that_is_its_own_mirror_image_is_not_asked() -> None:
     target = PlacementTarget.from_faces(walls(OBLONG), wall_height=HEIGHT)
     placed = place_scan(oblong(2), target, initial=off(EYE, 0.2, 0.1, 5.0))
     assert placed.evidence.mirrored_inlier_share is None
-    assert not any("flipped axis" in reason for reason in judge(placed.evidence).reasons)
+    assert not any("flipped axis" in reason.detail for reason in judge(placed.evidence).reasons)
 
 
 @pytest.mark.parametrize("seed", [3, 4])

@@ -47,7 +47,7 @@ def test_twin_rooms_are_two_candidates_and_a_question() -> None:
     placed = place_scan(case.scan, target, initial=None)
     judgement = judge(placed.evidence)
     assert judgement.verdict == "needs-review"
-    assert any("fits almost as well" in reason for reason in judgement.reasons)
+    assert any("fits almost as well" in reason.detail for reason in judgement.reasons)
     first, second = (c.T_map_scan.translation[0] for c in placed.candidates[:2])
     x = case.truth.translation[0]
     assert sorted((first, second)) == pytest.approx([x, x + 15.0], abs=0.01)

@@ -16,6 +16,7 @@ from service.domain.acceptance_table import Verdict
 from service.domain.access import Actor
 from service.domain.drawing_options import DrawingOptions
 from service.domain.lifecycle import Role
+from service.domain.reasons import Reason
 from service.domain.rough_pose import RoughPose
 from service.domain.scan_options import SaidOfScan
 from service.domain.transform import Transform
@@ -38,6 +39,7 @@ PICTURE = base64.b64decode(
 )
 NO_TILES = b'{"tile_size_m": 20, "tiles": []}'
 LEASE_S = 600.0
+SEEN_BY_HAND = Reason("seen", {"people": 1}, detail="seen by hand")
 
 
 @dataclass(frozen=True)
@@ -146,7 +148,7 @@ class ByHand:
     def place(self, job_id: str, *, verdict: Verdict = "accepted") -> None:
         """End a placement with a verdict."""
         attempt = self.claim(job_id)
-        result = PlacementResult(Transform.identity(), Judgement(verdict, ("seen by hand",)), GOOD)
+        result = PlacementResult(Transform.identity(), Judgement(verdict, (SEEN_BY_HAND,)), GOOD)
         with self.kernel.db.writing("record-placement") as session:
             record_placement(
                 self.kernel, session, attempt, result=result, files={"labels.npy": self.keep(b"labels")}

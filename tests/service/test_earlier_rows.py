@@ -8,12 +8,14 @@ from typing import Any
 import httpx
 import pytest
 
-from service.db.models import Drawing, Placement, Revision, Scan
+from service.db.models import Drawing, Placement, Publication, Revision, Scan
 from service.db.proposals import Proposal
 from service.domain.evidence import PlacementEvidence
 from service.domain.recipe import Recipe
-from tests.service.asking import a_map, a_placement, a_ready_revision, ok
+from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import IDENTITY, ByHand
+
+SLUG = "placement-not-acceptable"
 
 FIRST_EVIDENCE = {
     "map_kind": "faces", "converged": True, "iterations": 61, "points_compared": 8123,
@@ -180,3 +182,34 @@ def test_readings_of_drawings_of_any_version_are_shown(admin: httpx.Client, by_h
     for odd in ({"scale": {"state": "unknown"}}, {"scale": "1:100", "findings": "none"}, {}):
         rewrite(by_hand, Drawing, drawing_id, {"reading": odd})
         assert ok(admin.get(f"/v1/drawings/{drawing_id}"))["reading"]["findings"] is None
+
+
+def test_reasons_of_any_version_are_shown(admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = a_map(admin)
+    a_ready_revision(admin, by_hand, map_id)
+    placement_id = a_placement(admin, by_hand, map_id, verdict="needs-review")
+    doubt, other = "The scan had to be tilted by 9.1 degrees.", "One doubt of a version long gone."
+    told = [
+        {"code": "tilted", "values": {}, "where": None, "detail": doubt},
+        {"code": "unspecified", "values": {}, "where": None, "detail": other},
+    ]
+    rewrite(by_hand, Placement, placement_id, {"reasons": [doubt, other]})
+    assert ok(admin.get(f"/v1/placements/{placement_id}"))["reasons"] == told
+    assert refused(admin.post(f"/v1/placements/{placement_id}/accept"), 409, SLUG)["reasons"] == told
+    made = ok(admin.post(f"/v1/placements/{placement_id}/accept", json={"reviewed": True}), 202)
+    by_hand.build(made["job"]["id"])
+    (gate,) = ok(admin.get(f"/v1/maps/{map_id}/revisions/2/gates"))["gates"]
+    assert gate["message"].endswith(f"'needs-review': {doubt}")
+    assert gate["reasons"] == told
+    override = {"override": {"reason": "seen"}}
+    ok(admin.post(f"/v1/maps/{map_id}/revisions/2/publish", json=override))
+    (move,) = ok(admin.get(f"/v1/maps/{map_id}/publications"))["items"]
+    assert move["overridden"] == [gate]
+    rewrite(
+        by_hand,
+        Publication,
+        move["id"],
+        {"overridden": [{k: gate[k] for k in ("code", "subject", "message")}]},
+    )
+    (move,) = ok(admin.get(f"/v1/maps/{map_id}/publications"))["items"]
+    assert move["overridden"] == [{**gate, "reasons": []}]

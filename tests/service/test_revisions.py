@@ -13,7 +13,7 @@ from service.domain.recipe import Recipe
 from service.domain.rough_pose import RoughPose
 from tests.server import Server
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
-from tests.service.by_hand import IDENTITY, ByHand
+from tests.service.by_hand import IDENTITY, SEEN_BY_HAND, ByHand
 from tests.unit.placement_evidence import GOOD
 
 
@@ -182,7 +182,7 @@ def test_the_verdict_decides(
     assert answer.status_code == status, answer.text
     if status == 409:
         problem = refused(answer, 409, "placement-not-acceptable")
-        assert (problem["verdict"], problem["reasons"]) == (verdict, ["seen by hand"])
+        assert (problem["verdict"], problem["reasons"]) == (verdict, [SEEN_BY_HAND.to_json()])
 
 
 def test_what_a_placement_needs(admin: httpx.Client, by_hand: ByHand) -> None:

@@ -41,7 +41,7 @@ def test_nothing_against_it_is_accepted_with_reasons() -> None:
     assert len(judgement.reasons) == 3
     lone = judge(replace(GOOD, slide_gain=-0.02, slide_m=0.15))
     assert lone.verdict == "accepted"
-    assert "so does the scan" in lone.reasons[-1]
+    assert "so does the scan" in lone.reasons[-1].detail
 
 
 @pytest.mark.parametrize(("change", "words"), DOUBTS)
@@ -49,7 +49,7 @@ def test_one_doubt_is_enough_for_a_review(change: dict[str, Any], words: str) ->
     judgement = judge(replace(GOOD, **change))
     assert judgement.verdict == "needs-review"
     assert len(judgement.reasons) == 1
-    assert words in judgement.reasons[0]
+    assert words in judgement.reasons[0].detail
 
 
 def test_a_runner_up_that_sees_through_walls_is_no_rival() -> None:

@@ -124,8 +124,8 @@ def test_a_limit_turns_the_verdict(fact: Fact, regime: str) -> None:
     kept = judge(replace(clean, **{fact.member: fact.kept}))
     broken = judge(replace(clean, **{fact.member: fact.broken}))
     assert (kept.verdict, broken.verdict) == (fact.right, fact.wrong), (kept, broken)
-    assert [fact.words in reason for reason in broken.reasons].count(True) == 1, broken
-    assert not any(fact.words in reason for reason in kept.reasons), kept
+    assert [fact.words in reason.detail for reason in broken.reasons].count(True) == 1, broken
+    assert not any(fact.words in reason.detail for reason in kept.reasons), kept
 
 
 @pytest.mark.parametrize(("code", "regime", "change"), NOT_ASKED)

@@ -188,7 +188,7 @@ def _tell(result: dict[str, Any]) -> None:
     yaw = math.degrees(math.atan2(result["T_map_scan"][1][0], result["T_map_scan"][0][0]))
     print(f"{result['verdict']}: x {x:.3f} m, y {y:.3f} m, z {z:.3f} m, yaw {yaw:.2f} degrees")
     for reason in result["reasons"]:
-        print(f"  {reason}")
+        print(f"  {reason['detail']}")
 
 
 def _progress(stage: str, share: float) -> None:

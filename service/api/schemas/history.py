@@ -13,6 +13,7 @@ from service.api.schemas.kept import Kept
 from service.api.schemas.revisions import DifferenceOut
 from service.db.models import Publication
 from service.domain.comparison import CloudComparison
+from service.domain.reasons import Reason
 from service.usecases.compare import Compared
 
 
@@ -48,6 +49,9 @@ class GateOut(Output):
     code: str
     subject: str
     message: str
+    reasons: Kept[list[Reason]] = Field(
+        default_factory=list, description="Of the verdict of a placement that was not accepted."
+    )
 
 
 class GatesOut(Output):

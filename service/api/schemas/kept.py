@@ -100,8 +100,8 @@ def _model_of(kind: type[Any]) -> type[_Made]:
 def _upgraded_as(kind: Any) -> Any:
     def read(value: Any) -> Any:
         try:
-            return kind.upgraded(value) if isinstance(value, Mapping) else value
-        except (LookupError, TypeError, ValueError) as error:
+            return kind.upgraded(value) if isinstance(value, Mapping | str) else value
+        except (AttributeError, LookupError, TypeError, ValueError) as error:
             msg = f"no version wrote this: {error}"
             raise ValueError(msg) from error
 

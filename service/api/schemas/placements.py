@@ -13,6 +13,7 @@ from service.api.schemas.kept import Kept
 from service.api.schemas.operations import LayerPartIn
 from service.db.models import Placement
 from service.domain.evidence import Candidate, PlacementEvidence
+from service.domain.reasons import Reason
 from service.domain.rough_pose import RoughPose
 from service.usecases.place import Asked, WantedPlacement
 
@@ -79,7 +80,7 @@ class PlacementOut(Output):
         description="4x4, row by row: takes coordinates of the scan to coordinates of the map [m]."
     )
     verdict: Literal["accepted", "needs-review", "rejected"] | None
-    reasons: list[str] | None = Field(description="Why the verdict is what it is, as sentences.")
+    reasons: Kept[list[Reason] | None] = Field(description="Why the verdict is what it is.")
     evidence: Kept[PlacementEvidence | None] = Field(description="The measurements behind the verdict.")
     candidates: Kept[list[Candidate] | None] = Field(
         description="Poses that were considered, the one given first."

@@ -57,7 +57,7 @@ function waitingOf({ placements, newest, proposals, drawings, failed }: Open): W
         id: one.id,
         map_id: one.map_id,
         why: t("overview.review"),
-        detail: one.reasons?.[0] ?? "",
+        detail: one.reasons?.[0]?.detail ?? "",
         href: `#/maps/${one.map_id}/scans/${one.scan_id}`,
       })),
     ...proposals.map((one) => ({

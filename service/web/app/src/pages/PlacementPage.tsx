@@ -111,8 +111,8 @@ function Judged({ placement }: { placement: Placement }) {
     <>
       <Chip tone={VERDICT_TONES[placement.verdict!]!}>{named("place", placement.verdict!)}</Chip>
       <ul class="reasons">
-        {placement.reasons?.map((reason) => (
-          <li key={reason}>{reason}</li>
+        {placement.reasons?.map(({ detail }) => (
+          <li key={detail}>{detail}</li>
         ))}
       </ul>
       <dl>

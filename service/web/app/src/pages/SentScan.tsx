@@ -127,8 +127,8 @@ export function SentScan({ parcel, putAway }: { parcel: Parcel; putAway: () => v
             </div>
           )}
           <ul class="reasons">
-            {placement.reasons?.map((reason) => (
-              <li key={reason}>{reason}</li>
+            {placement.reasons?.map(({ detail }) => (
+              <li key={detail}>{detail}</li>
             ))}
           </ul>
           {placement.verdict !== "rejected" && (
