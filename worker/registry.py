@@ -41,7 +41,7 @@ def prepare() -> None:
     """Load what jobs need beyond imports: one tiny drawing is read, so that compiled code is in memory.
 
     No library may start threads here, since a fork does not take them along: OpenCV is told so, and
-    kernels that numba runs in parallel are left to the job.
+    loops that numba runs in parallel are left to the job.
     """
     cv2.setNumThreads(0)
     sheet = np.full((200, 240), 255, dtype=np.uint8)

@@ -15,7 +15,7 @@ from tests.commands import commands
 pytestmark = pytest.mark.slow
 
 ROOMS = ("service", "worker", "demo", "client", "migrations", "tests")
-BY_PATH = {"worker/formats/dwg_convert.py", "client/groundplan_robot.py"}
+BY_PATH = {"worker/formats/dwg_program.py", "client/groundplan_robot.py"}
 """Started as files: one alone in its process, the other alone on its robot."""
 SCRIPTS = sorted(path for path in (ROOT / "tools").iterdir() if path.is_file())
 PASS_ON = {"demo", "test"}

@@ -12,7 +12,7 @@ from worker.formats.linework_draft import LineworkDraft, Pen
 from worker.geometry.drawing.linework.areas import entity_area, tangled_areas
 from worker.geometry.drawing.linework.linework import Linework
 from worker.geometry.drawing.linework.units import assumed_unit
-from worker.geometry.drawing.page.reading import read_page
+from worker.geometry.drawing.page.read import read_page
 from worker.geometry.drawing.page.sheet import draw_page
 from worker.geometry.drawing.page.strips import find_pen_strips, joined
 from worker.geometry.drawing.reading.reading import Reading

@@ -31,10 +31,10 @@ from service.domain.formats import (
 from service.domain.media import HEAD_BYTES, accept
 from worker.formats.ocr import load_recogniser
 from worker.geometry.drawing.linework.linework import Linework
-from worker.geometry.drawing.linework.reading import read_linework
+from worker.geometry.drawing.linework.read import read_linework
 from worker.geometry.drawing.linework.units import find_unit
 from worker.geometry.drawing.page.page_scale import find_page_scale
-from worker.geometry.drawing.page.reading import read_page
+from worker.geometry.drawing.page.read import read_page
 from worker.geometry.drawing.raster.read import read_raster
 from worker.geometry.drawing.raster.sheet import Sheet
 from worker.geometry.drawing.raster.sheet_kind import check_sheet

@@ -16,7 +16,7 @@ from service.domain.errors import (
     UnsupportedMedia,
     UploadTooLarge,
 )
-from worker.formats import dwg_convert
+from worker.formats import dwg_program
 from worker.formats.dxf import load_dxf
 from worker.formats.scratch import scratch_folder
 from worker.geometry.drawing.linework.linework import Linework
@@ -75,7 +75,7 @@ def load_dwg(path: Path, *, bounds: Bounds, tell: Tell | None = None) -> Linewor
 
 def _convert(path: Path, target: Path, *, bounds: Bounds, tell: Tell) -> None:
     limits = (bounds.max_dwg_memory_bytes, bounds.max_dwg_seconds, bounds.max_dxf_bytes)
-    command = [sys.executable, "-I", dwg_convert.__file__, str(path.resolve()), str(target)]
+    command = [sys.executable, "-I", dwg_program.__file__, str(path.resolve()), str(target)]
     with subprocess.Popen(
         [*command, *(str(v) for v in limits)],
         stdin=subprocess.DEVNULL,
@@ -101,9 +101,9 @@ def _convert(path: Path, target: Path, *, bounds: Bounds, tell: Tell) -> None:
 def _judge(path: Path, status: int, said: str, bounds: Bounds) -> None:
     if status == 0:
         return
-    if status in (dwg_convert.TOO_COMPLEX, -24):
+    if status in (dwg_program.TOO_COMPLEX, -24):
         raise _too_complex(path, bounds)
-    if status == dwg_convert.UNSUPPORTED:
+    if status == dwg_program.UNSUPPORTED:
         raise UnsupportedMedia(f"{path.name} is a DWG of a kind that is not read ({said}): save it as DXF.")
     reason = said.splitlines()[-1][:200] if said else f"the reader died with status {status}"
     raise FileMalformed(

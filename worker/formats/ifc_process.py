@@ -42,7 +42,7 @@ def ask_kernel(
     page: int | None = None,
     progress: Callable[[float], None] | None = None,
 ) -> dict[str, Any]:
-    """Return the answer of `worker.formats.ifc_kernel` for a model.
+    """Return the answer of `worker.formats.ifc_program` for a model.
 
     The geometry kernel is native code on an untrusted file: it may crash, hang, or take all memory, and takes
     only its own process with it. The process is killed when it takes too long, when `progress` raises, and by
@@ -67,7 +67,7 @@ def ask_kernel(
         "storey": storey,
         "page": page,
     }
-    command = [sys.executable, "-m", "worker.formats.ifc_kernel"]
+    command = [sys.executable, "-m", "worker.formats.ifc_program"]
     with subprocess.Popen(
         command, stdin=subprocess.PIPE, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL
     ) as child:

@@ -21,7 +21,7 @@ from worker.geometry.scan.mesh_sampling import Mesh
 
 
 def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
-    """Return a scan that `worker.formats.scan_kernel` reads in a process of its own.
+    """Return a scan that `worker.formats.scan_program` reads in a process of its own.
 
     libE57, Pixar's USD and LASzip's port are native code on an untrusted file: they may crash, hang or take
     all memory, and take only their own process with them.
@@ -29,7 +29,7 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     Parameters
     ----------
     kind : str
-        One of `worker.formats.scan_kernel.LOADERS`.
+        One of `worker.formats.scan_program.LOADERS`.
     path : Path
         The file.
     bounds : Bounds
@@ -49,7 +49,7 @@ def load_apart(kind: str, path: Path, *, bounds: Bounds) -> FileScan:
     with scratch_folder("groundplan-scan-") as folder:
         output = folder / "scan.npz"
         command = [
-            sys.executable, "-m", "worker.formats.scan_kernel", kind, str(path.absolute()), str(output),
+            sys.executable, "-m", "worker.formats.scan_program", kind, str(path.absolute()), str(output),
             str(bounds.max_points), str(bounds.max_scan_memory_bytes), str(os.getpid()),
         ]  # fmt: skip
         answer = json.loads(_answer(command, path, seconds=bounds.max_scan_seconds))

@@ -16,7 +16,7 @@ from service.domain.errors import DrawingTooComplex, NoWallsFound
 from service.domain.findings import Finding
 from worker.geometry.drawing.linework.areas import tangled_areas
 from worker.geometry.drawing.linework.linework import Linework
-from worker.geometry.drawing.linework.reading import read_linework
+from worker.geometry.drawing.linework.read import read_linework
 from worker.geometry.drawing.linework.removed import source_layers
 from worker.geometry.drawing.linework.roles import Roles, assign_roles
 from worker.geometry.drawing.linework.units import assumed_unit
