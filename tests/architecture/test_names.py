@@ -34,23 +34,32 @@ MEANS_MORE = {
 _UNIT = re.compile(r"(?:^|_)(?:m|m2|s|ms|mm|px|rad|deg|bytes|share|dpi|seconds|metres_per_unit)$")
 WITHOUT_UNIT = {
     "a count": (
-        "attempt closed_directions failures failure_limit iterations keep_revisions limit "
-        "looked_through max_pixels max_points max_requests_per_key_per_minute max_streams_per_key "
-        "points points_added points_compared points_kept points_removed poses_compared robots starts "
-        "starts_agreeing still_seen taken tiles_unchanged unchanged upright_surfaces"
+        "attempt closed_directions columns count dust edits edits_applied failure_limit failures "
+        "iterations keep_revisions limit looked_through max_pixels max_points "
+        "max_requests_per_key_per_minute max_streams_per_key occupied_cells outliers points "
+        "points_added points_compared points_kept points_removed poses_compared robots specks starts "
+        "starts_agreeing still_seen taken tiles_unchanged unchanged unknown_cells upright_surfaces "
+        "walls"
     ),
     "the number of a thing": (
-        "base base_n enabled enabled_revision from from_n from_revision generation n number onto page "
-        "parent_n port metrics_port worker_metrics_port reported_revision revision revision_n since "
-        "stage status to_n to_revision wanted_revision with"
+        "base base_n enabled enabled_revision from from_n from_revision generation metrics_port n "
+        "number onto page parent_n port reported_revision revision revision_n since stage status to_n "
+        "to_revision wanted_revision with worker_metrics_port"
     ),
     "a ratio": (
-        "explained_share_at_top fraction inlier_share_of_structure ratio slide_gain threshold "
-        "nearest_voxel_transformation_likelihood transformation_probability"
+        "confidence explained_share_at_top fraction inlier_share_of_structure "
+        "nearest_voxel_transformation_likelihood ratio slide_gain threshold "
+        "transformation_probability"
     ),
     "an instant of Unix": ("expires"),
-    "several units in one, told where it is described": ("T_map_scan covariance information_eigenvalues"),
-    "pixels or drawing units, as the drawing has them": ("x1 x2 y1 y2 line within"),
+    "several units in one, told where it is described": (
+        "T_map_scan T_upright_scan covariance information_eigenvalues value"
+    ),
+    "pixels or drawing units, as the drawing has them": ("line within x1 x2 y1 y2"),
+    "in the `unit` of its reading: metres, or pixels or drawing units while the scale is unknown": (
+        "drawing_origin drawing_top length sheet"
+    ),
+    "metres in a frame, as GeoJSON has them without a unit": ("coordinates max min"),
 }
 
 
