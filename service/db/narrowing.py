@@ -33,7 +33,7 @@ class Narrowing:
     newest_first : bool
         Else oldest first.
     after : str, optional
-        Only rows behind the one of this id, in that order.
+        Only rows after the one of this id, in that order.
     """
 
     limit: int
