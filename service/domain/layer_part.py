@@ -6,9 +6,6 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any, Literal, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from service.domain.errors import InvalidRequest
 from service.domain.region import Region, regions_of
 
@@ -54,23 +51,6 @@ class LayerPart:
         """Return the part as `from_json` takes it, complete."""
         regions = {name: [r.to_json() for r in getattr(self, name)] for name in _FIELDS[1:]}
         return {"points": self.points, **regions}
-
-    def of(self, points: NDArray[np.float64], labels: NDArray[np.uint8]) -> NDArray[np.bool_]:
-        """Return which of a placed scan's points belong to the part.
-
-        Parameters
-        ----------
-        points : ndarray of shape (N, 3), float64
-            In frame `map` [m].
-        labels : ndarray of shape (N,), uint8
-            `TARGET`, `REFERENCE` or `OUTLIER`; an outlier is in no part.
-        """
-        taken = labels == TARGET if self.points == "target" else np.ones(len(points), dtype=np.bool_)
-        for region in self.include:
-            taken = taken | region.holds(points)
-        for region in self.exclude:
-            taken = taken & ~region.holds(points)
-        return np.asarray(taken & (labels != OUTLIER), dtype=np.bool_)
 
 
 WHOLE = LayerPart("all")

@@ -6,8 +6,6 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Protocol
 
-import numpy as np
-
 from service.domain.errors import InvalidRequest, LayerNotFound, RegionNotFound
 from service.domain.history import DoneOperation, Shift
 from service.domain.layer_part import LayerPart
@@ -87,7 +85,9 @@ class ShiftLayer:
         """Return the state with the layer there; see `Operation.apply`."""
         pose = Transform.of(_layer(state, self.layer_id).T_map_scan)
         turned = Transform.from_xyz_yaw(0.0, 0.0, 0.0, self.yaw_rad).matrix @ pose.matrix
-        turned[:3, 3] = pose.translation + np.array([self.x_m, self.y_m, self.z_m])
+        turned[:3, 3] = [
+            at + by for at, by in zip(pose.translation, (self.x_m, self.y_m, self.z_m), strict=True)
+        ]
         return _changed(state, self.layer_id, T_map_scan=pose_of(turned.tolist()))
 
     def done(self) -> DoneOperation:
@@ -121,7 +121,6 @@ class ReplaceLayer:
             part=self.part,
             T_map_scan=self.T_map_scan,
             name=self.name or old.name,
-            taken=None,
         )
 
     def done(self) -> DoneOperation:

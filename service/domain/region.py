@@ -6,9 +6,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any, Self
 
-import numpy as np
-from numpy.typing import NDArray
-
 from service.domain.errors import InvalidRequest
 
 MAX_REGIONS = 200
@@ -69,19 +66,6 @@ class Region:
             k: v for k, v in heights.items() if v is not None
         }
 
-    def holds(self, points: NDArray[np.float64]) -> NDArray[np.bool_]:
-        """Return which of (N, 3) points in frame `map` [m] lie in the region, its lower ends included."""
-        corners = np.array(self.within)
-        low, high = corners.min(axis=0), corners.max(axis=0)
-        near = np.all((points[:, :2] >= low) & (points[:, :2] <= high), axis=1)
-        if self.z_min_m is not None:
-            near &= points[:, 2] >= self.z_min_m
-        if self.z_max_m is not None:
-            near &= points[:, 2] < self.z_max_m
-        held = np.zeros(len(points), dtype=np.bool_)
-        held[near] = _inside(points[near, :2], corners)
-        return held
-
 
 def regions_of(value: object, pointer: str) -> tuple[Region, ...]:
     """Return the regions of a JSON list.
@@ -94,17 +78,6 @@ def regions_of(value: object, pointer: str) -> tuple[Region, ...]:
     if not isinstance(value, Sequence) or isinstance(value, str) or len(value) > MAX_REGIONS:
         raise _invalid(pointer, f"This is a list of at most {MAX_REGIONS} regions.")
     return tuple(Region.from_json(one, f"{pointer}/{k}") for k, one in enumerate(value))
-
-
-def _inside(xy: NDArray[np.float64], corners: NDArray[np.float64]) -> NDArray[np.bool_]:
-    """Return which points an upward or downward edge passes on the right an odd number of times."""
-    inside = np.zeros(len(xy), dtype=np.bool_)
-    x, y = xy[:, 0], xy[:, 1]
-    for (ax, ay), (bx, by) in zip(corners, np.roll(corners, -1, axis=0), strict=True):
-        if ay != by:
-            crossed = (ay > y) != (by > y)
-            inside ^= crossed & (x < (bx - ax) * (y - ay) / (by - ay) + ax)
-    return inside
 
 
 def _corner(value: object, pointer: str) -> tuple[float, float]:

@@ -4,12 +4,10 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any, Self
+from typing import Any, Self
 
 from service.domain.errors import InvalidRequest
-
-if TYPE_CHECKING:
-    from service.domain.transform import Transform
+from service.domain.transform import Transform
 
 _MAX_DISTANCE_M = 1e6
 
@@ -25,8 +23,6 @@ class RoughPose:
 
     def transform(self) -> Transform:
         """Return the pose as `T_map_scan`."""
-        from service.domain.transform import Transform  # noqa: PLC0415 - the HTTP process needs no numpy
-
         return Transform.from_xyz_yaw(self.x_m, self.y_m, self.z_m, self.yaw_rad)
 
     def to_json(self) -> dict[str, Any]:

@@ -18,6 +18,7 @@ from worker.geometry.cloud.difference import cloud_difference
 from worker.geometry.cloud.erase import cut_columns, cut_walls, from_floor_to_top
 from worker.geometry.cloud.free_space import Sight, things_of
 from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.cloud.within import within
 from worker.geometry.drawing.reading.reading import Column, Wall
 
 CORNERS = np.array([[0.0, 0.0], [10.0, 0.0], [10.0, 8.0], [0.0, 8.0], [0.0, 0.0]])
@@ -59,7 +60,7 @@ def test_an_erased_region_holds_nothing_in_any_file(tmp_path: Path) -> None:
     recipe = Recipe(voxel_size_m=0.1, floor=True)
     write_artifacts(tmp_path, walls=ROOM, recipe=recipe, inputs={}, erased=[region])
     cloud = read_pcd(tmp_path / "point-cloud.pcd")
-    assert not region.holds(cloud.points).any()
+    assert not within(region, cloud.points).any()
     outside = cloud.points[(cloud.points[:, 0] > 6.0) & (cloud.points[:, 1] < 1.0)]
     assert len(outside) > 1000, "what stands beside it stays"
     walls, _ = load_walls_and_columns(tmp_path / "walls.geojson")
@@ -77,8 +78,8 @@ def test_a_low_region_leaves_the_wall_above_it(tmp_path: Path) -> None:
     region = a_region(4.0, -1.0, 6.0, 1.0, z_max_m=1.0)
     write_artifacts(tmp_path, walls=ROOM, recipe=Recipe(voxel_size_m=0.1), inputs={}, erased=[region])
     points = read_pcd(tmp_path / "point-cloud.pcd").points
-    above = a_region(4.0, -1.0, 6.0, 1.0, z_min_m=1.0).holds(points)
-    assert not region.holds(points).any()
+    above = within(a_region(4.0, -1.0, 6.0, 1.0, z_min_m=1.0), points)
+    assert not within(region, points).any()
     assert above.sum() > 100
 
 
@@ -142,7 +143,7 @@ def test_the_things_of_a_layer_are_told_apart_and_each_has_its_region() -> None:
     things = list(things_of(np.vstack([*boxes, floor]), top=2.5))
     assert len(things) == 2
     for thing, box in zip(things, boxes, strict=True):
-        assert thing.region.holds(box).all()
+        assert within(thing.region, box).all()
         assert thing.region.z_min_m is None
         others = boxes[1] if box is boxes[0] else boxes[0]
-        assert not thing.region.holds(others).any()
+        assert not within(thing.region, others).any()

@@ -101,22 +101,20 @@ def _read(args: argparse.Namespace, options: DrawingOptions, work: Path) -> tupl
 def _build(
     args: argparse.Namespace, options: DrawingOptions, reading: Reading, recipe: Recipe, work: Path
 ) -> dict[str, Any]:
-    from service.domain.drawing_frame import DrawingFrame  # noqa: PLC0415 - as above
-    from service.domain.report import BuildInputs, DrawingInput  # noqa: PLC0415
-    from worker.formats.artifacts import write_artifacts  # noqa: PLC0415
+    from worker.formats.artifacts import write_artifacts  # noqa: PLC0415 - as above
 
     with args.drawing.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    x, y = (round(v, 4) for v in reading.origin)
-    top = None if reading.top is None else round(reading.top, 4)
-    named = DrawingInput(digest, name=args.drawing.name, options=options)
+    inputs = {
+        "drawing": {"sha256": digest, "name": args.drawing.name, "options": options.to_json()},
+        "scale": reading.scale.told().to_json(),
+    }
     write_artifacts(
         work,
         walls=reading.walls,
         columns=reading.columns,
         recipe=recipe,
-        inputs=BuildInputs(named, reading.scale.told()),
-        drawing=DrawingFrame((x, y), top),
+        inputs=inputs,
         findings=reading.findings,
         progress=_progress,
     )

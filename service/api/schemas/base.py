@@ -16,9 +16,9 @@ class Input(BaseModel):
 
 
 class Output(BaseModel):
-    """A JSON answer, read from a row or a value."""
+    """A JSON answer, read from a row or a value; its reader is built at the first one, not at the start."""
 
-    model_config = ConfigDict(from_attributes=True)
+    model_config = ConfigDict(from_attributes=True, defer_build=True)
 
 
 def _printable(value: str) -> str:
@@ -66,7 +66,7 @@ class Place(BaseModel):
 class Problem(BaseModel):
     """A problem document (RFC 9457); further members depend on the type."""
 
-    model_config = ConfigDict(extra="allow")
+    model_config = ConfigDict(extra="allow", defer_build=True)
 
     type: str = Field(
         description="Address of the page that explains this problem.",

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from service.domain.region import Region
 from worker.geometry.cloud.point_cloud import PointCloud
+from worker.geometry.cloud.within import within
 from worker.geometry.drawing.reading.reading import Column, Wall
 
 _SHORTEST = 0.01
@@ -19,7 +20,7 @@ def without(cloud: PointCloud, regions: Iterable[Region]) -> PointCloud:
     """Return the cloud's points that lie in none of the regions, all in frame `map` [m]."""
     kept = np.ones(len(cloud), dtype=np.bool_)
     for region in regions:
-        kept &= ~region.holds(cloud.points)
+        kept &= ~within(region, cloud.points)
     return PointCloud(cloud.points[kept], cloud.labels[kept])
 
 
@@ -58,7 +59,7 @@ def _held(points: NDArray[np.float64], regions: Sequence[Region]) -> NDArray[np.
     held = np.zeros(len(points), dtype=np.bool_)
     raised = np.column_stack([points, np.zeros(len(points))])
     for region in regions:
-        held |= replace(region, z_min_m=None, z_max_m=None).holds(raised)
+        held |= within(replace(region, z_min_m=None, z_max_m=None), raised)
     return held
 
 
