@@ -75,17 +75,26 @@ def pose_of(placement: dict[str, Any]) -> Transform:
     return Transform(np.array(placement["T_map_scan"], dtype=np.float64))
 
 
-def accept(client: Client, placement_id: str) -> int:
+def accept(client: Client, placement_id: str, *, reviewed: bool = False) -> int:
     """Return the number of the revision that accepting a placement made, ready."""
-    answer = client.post(f"/v1/placements/{placement_id}/accept")
+    answer = client.post(f"/v1/placements/{placement_id}/accept", {"reviewed": reviewed})
     client.done(answer["job"])
     n: int = answer["revision"]["n"]
     return n
 
 
-def publish(admin: Client, map_id: str, n: int) -> None:
-    """Point channel `stable` to a revision."""
-    admin.post(f"/v1/maps/{map_id}/revisions/{n}/publish", {"channel": "stable"})
+def gates(admin: Client, map_id: str, n: int) -> list[str]:
+    """Return what stands against publishing a revision on channel `stable`, as sentences."""
+    found = admin.get(f"/v1/maps/{map_id}/revisions/{n}/gates?channel=stable")["gates"]
+    return [gate["message"] for gate in found]
+
+
+def publish(admin: Client, map_id: str, n: int, *, override: str | None = None) -> None:
+    """Point channel `stable` to a revision; `override` is the word of an admin for doing it all the same."""
+    body: dict[str, Any] = {"channel": "stable"}
+    if override is not None:
+        body["override"] = {"reason": override}
+    admin.post(f"/v1/maps/{map_id}/revisions/{n}/publish", body)
 
 
 def artifacts(client: Client, map_id: str, n: int) -> dict[str, dict[str, Any]]:

@@ -24,6 +24,7 @@ from service.db.revisions import find_revision
 from service.domain.lifecycle import MOST_WAITING_DELTAS
 from service.settings import Settings
 from tests.journeys.robots import CLIENT, CLOUD, Plant, a_plant, client, in_use, sha256
+from tests.patience import PATIENCE_S
 from tests.server import Server, start
 from tests.service.asking import a_map, ok, refused
 from tests.service.by_hand import ByHand
@@ -263,7 +264,7 @@ def test_a_fleet_converges_while_the_service_is_killed_and_restarted(
                 server.close()
                 server = start(settings, admin_key=key, GROUNDPLAN_PORT=str(port))
             for run in runs:
-                run.result(timeout=120)
+                run.result(timeout=PATIENCE_S)
         wanted = sha256(two_states[1][CLOUD])
         assert {in_use(robot.folder.root) for robot in robots} == {wanted}
         admin = server.client(server.admin_key)

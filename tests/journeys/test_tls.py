@@ -93,6 +93,6 @@ def test_a_certificate_without_its_key_is_refused(tmp_path: Path) -> None:
         "--tls-cert",
         "x.pem",
     ]
-    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=60)
+    done = subprocess.run(words, capture_output=True, text=True, check=False, timeout=PATIENCE_S)
     assert done.returncode == 1
     assert "a certificate and its key belong together" in done.stderr

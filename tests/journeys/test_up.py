@@ -18,9 +18,8 @@ import psutil
 import pytest
 
 from tests import web
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, soon
 from tests.service.asking import a_map, ok
-from tests.service.fleets import soon
 from worker.cli import supervision
 from worker.cli.supervision import Supervisor, how_ended
 
