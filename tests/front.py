@@ -36,7 +36,7 @@ class Front:
         """Return a client that trusts the front's certificate."""
         trusted = ssl.create_default_context(cafile=str(self.certificate))
         headers = {"Authorization": f"Bearer {key}"}
-        return httpx.Client(base_url=self.url, headers=headers, verify=trusted, timeout=60.0)
+        return httpx.Client(base_url=self.url, headers=headers, verify=trusted, timeout=PATIENCE_S)
 
 
 def nginx_program() -> str:

@@ -1,7 +1,8 @@
 """A PostgreSQL server of the test session's own: private, on a unix socket, gone when the session ends.
 
 `postgres_url` gives a fresh database with the present schema, `empty_postgres_url` one with none. The
-schema is made once, in a template that each database is cloned from.
+schema is made once, in a template that each database is cloned from. Where tests run in several processes,
+that which started them has the one server for all.
 """
 
 from __future__ import annotations
@@ -14,9 +15,10 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from itertools import count
 from pathlib import Path
+from typing import Any
 
 import psycopg
 import pytest
@@ -24,6 +26,7 @@ import pytest
 from tests.patience import PATIENCE_S
 
 _TEMPLATE = "groundplan_template"
+_SHARED = "groundplan_postgres"
 
 
 class PostgresServer:
@@ -32,6 +35,7 @@ class PostgresServer:
     def __init__(self, folder: Path) -> None:
         self.folder = folder
         self._numbers = count(1)
+        self._whose = os.environ.get("PYTEST_XDIST_WORKER", "test")
 
     def url(self, database: str, *, driver: str = "postgresql+psycopg") -> str:
         """Return a URL of the database; `driver` "postgresql" makes it one for libpq."""
@@ -44,7 +48,7 @@ class PostgresServer:
     @contextmanager
     def database(self, *, template: str = "template0") -> Iterator[str]:
         """Give the URL of a new database, and drop it in the end, whoever is still connected."""
-        name = f"test_{next(self._numbers)}"
+        name = f"{self._whose}_{next(self._numbers)}"
         self.execute(f'CREATE DATABASE "{name}" TEMPLATE "{template}"')
         try:
             yield self.url(name)
@@ -53,17 +57,35 @@ class PostgresServer:
 
     def execute(self, statement: str) -> None:
         """Run one statement as the owner of the server."""
-        with psycopg.connect(self.url("postgres", driver="postgresql"), autocommit=True) as connection:
-            connection.execute(statement.encode())
+        with self._owner() as owner:
+            owner.execute(statement.encode())
+
+    @contextmanager
+    def turn(self) -> Iterator[None]:
+        """Let no other process of the session be in such a block at the same time."""
+        with self._owner() as owner:
+            owner.execute("SELECT pg_advisory_lock(1)")
+            yield
+
+    def has(self, database: str) -> bool:
+        """Return whether there is a database of that name."""
+        with self._owner() as owner:
+            return owner.execute("SELECT 1 FROM pg_database WHERE datname = %s", [database]).rowcount > 0
+
+    def _owner(self) -> psycopg.Connection[tuple[Any, ...]]:
+        return psycopg.connect(self.url("postgres", driver="postgresql"), autocommit=True)
+
+
+def _installed() -> list[Path]:
+    """Return the folders of the programs of all servers on this machine, the newest last."""
+    found = Path("/usr/lib/postgresql").glob("*/bin/initdb")
+    return [path.parent for path in sorted(found, key=lambda path: int(path.parts[-3].split(".")[0]))]
 
 
 def _programs() -> Path:
     """Return the folder of the newest server's programs, or skip (in CI: fail)."""
-    found = sorted(
-        Path("/usr/lib/postgresql").glob("*/bin/initdb"), key=lambda path: int(path.parts[-3].split(".")[0])
-    )
-    if found:
-        return found[-1].parent
+    if found := _installed():
+        return found[-1]
     missing = "PostgreSQL's server is not installed: run tools/setup --tests"
     if os.environ.get("CI"):
         pytest.fail(missing)
@@ -133,9 +155,30 @@ def _wait_until_it_answers(server: PostgresServer, process: subprocess.Popen[byt
             return
 
 
+_OPEN = ExitStack()
+
+
+@pytest.hookimpl(optionalhook=True)
+def pytest_configure_node(node: Any) -> None:
+    """Tell a process that runs tests for this one where the server is; start that for the first."""
+    if not hasattr(node.config, _SHARED):
+        server = _OPEN.enter_context(running_server()) if _installed() else None
+        setattr(node.config, _SHARED, None if server is None else str(server.folder))
+    node.workerinput[_SHARED] = getattr(node.config, _SHARED)
+
+
+def pytest_unconfigure() -> None:
+    """Stop the server, if it was this process that started it for others."""
+    _OPEN.close()
+
+
 @pytest.fixture(scope="session")
-def postgres_server() -> Iterator[PostgresServer]:
+def postgres_server(request: pytest.FixtureRequest) -> Iterator[PostgresServer]:
     """Give the session's server."""
+    shared = getattr(request.config, "workerinput", {}).get(_SHARED)
+    if shared is not None:
+        yield PostgresServer(Path(shared))
+        return
     with running_server() as server:
         yield server
 
@@ -146,12 +189,12 @@ def postgres_template(postgres_server: PostgresServer) -> str:
     from service.db import schema  # noqa: PLC0415 - a test without a database loads none of it
     from service.db.session import open_engine  # noqa: PLC0415
 
-    postgres_server.execute(f'CREATE DATABASE "{_TEMPLATE}" TEMPLATE template0')
-    engine = open_engine(postgres_server.url(_TEMPLATE))
-    try:
-        schema.upgrade(engine)
-    finally:
-        engine.dispose()
+    with postgres_server.turn():
+        if not postgres_server.has(_TEMPLATE):
+            postgres_server.execute(f'CREATE DATABASE "{_TEMPLATE}" TEMPLATE template0')
+            engine = open_engine(postgres_server.url(_TEMPLATE))
+            schema.upgrade(engine)
+            engine.dispose()
     return _TEMPLATE
 
 

@@ -25,12 +25,11 @@ import pytest
 from service.app import open_kernel
 from service.settings import Settings
 from service.usecases.kernel import Kernel
+from tests.forked import Forked, forked
 from tests.patience import PATIENCE_S
 from tests.schemas import bring_to_head
 
 ROOT = Path(__file__).resolve().parent.parent
-_STOP_S = 20.0
-
 ClientFor = Callable[..., httpx.Client]
 
 
@@ -40,7 +39,7 @@ class Server:
 
     url: str
     admin_key: str
-    process: subprocess.Popen[str]
+    process: subprocess.Popen[str] | Forked
     settings: Settings
     kernel: Kernel
     log: Path
@@ -56,7 +55,7 @@ class Server:
     def client(self, key: str | None) -> httpx.Client:
         """Return an HTTP client with this key; closed with the server."""
         headers = {} if key is None else {"Authorization": f"Bearer {key}"}
-        client = httpx.Client(base_url=self.url, headers=headers, timeout=60.0)
+        client = httpx.Client(base_url=self.url, headers=headers, timeout=PATIENCE_S)
         self._clients.append(client)
         return client
 
@@ -65,7 +64,7 @@ class Server:
         if self.process.poll() is None:
             self.process.send_signal(sig)
         try:
-            return self.process.wait(timeout=_STOP_S)
+            return self.process.wait(timeout=PATIENCE_S)
         except subprocess.TimeoutExpired:
             self.process.kill()
             self.process.wait()
@@ -99,26 +98,38 @@ def environment(settings: Settings, **more: str) -> dict[str, str]:
     return kept | told | more
 
 
-def start(settings: Settings, *, admin_key: str | None = None, **more: str) -> Server:
+def start(
+    settings: Settings, *, admin_key: str | None = None, by_itself: bool = False, **more: str
+) -> Server:
     """Return a started service on these settings; its database is migrated first.
 
     Parameters
     ----------
     admin_key : str, optional
         The first admin key, where an earlier start has printed it.
+    by_itself : bool
+        Whether Python starts anew for it, imports included, rather than by a fork.
     **more : str
         Environment variables of the process alone.
     """
     settings.data_dir.mkdir(parents=True, exist_ok=True)
     log = settings.data_dir / "service.log"
     surroundings = environment(settings, **more)
-    serve = [sys.executable, "-m", "service"]
     kernel = open_kernel(settings)
     bring_to_head(kernel.db)
     begun = time.monotonic()
     with log.open("a", encoding="utf-8") as sink:
-        process = subprocess.Popen(
-            [*serve, "serve"], stdout=subprocess.PIPE, stderr=sink, text=True, cwd=ROOT, env=surroundings
+        process = (
+            subprocess.Popen(
+                [sys.executable, "-m", "service", "serve"],
+                stdout=subprocess.PIPE,
+                stderr=sink,
+                text=True,
+                cwd=ROOT,
+                env=surroundings,
+            )
+            if by_itself
+            else forked("service", "serve", stdout=subprocess.PIPE, stderr=sink, env=surroundings)
         )
     try:
         url, printed = _announced(process, log)
@@ -126,13 +137,15 @@ def start(settings: Settings, *, admin_key: str | None = None, **more: str) -> S
         assert key is not None, "the service printed no key: give the one that an earlier start printed"
     except BaseException:
         process.kill()
-        process.communicate()
+        process.wait()
+        assert process.stdout is not None
+        process.stdout.close()
         kernel.db.close()
         raise
     return Server(url, key, process, settings, kernel, log, time.monotonic() - begun)
 
 
-def _announced(process: subprocess.Popen[str], log: Path) -> tuple[str, str | None]:
+def _announced(process: subprocess.Popen[str] | Forked, log: Path) -> tuple[str, str | None]:
     """Return the address, and the key if one is printed, from the process's standard output."""
     assert process.stdout is not None
     watch = threading.Timer(PATIENCE_S, process.kill)
@@ -150,9 +163,9 @@ def _announced(process: subprocess.Popen[str], log: Path) -> tuple[str, str | No
 
 
 @contextmanager
-def running(settings: Settings, **more: str) -> Iterator[Server]:
-    """Run a service until the block ends."""
-    server = start(settings, **more)
+def running(settings: Settings, *, by_itself: bool = False, **more: str) -> Iterator[Server]:
+    """Run a service until the block ends; see `start`."""
+    server = start(settings, by_itself=by_itself, **more)
     try:
         yield server
     finally:

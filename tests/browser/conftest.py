@@ -15,6 +15,7 @@ from axe_playwright_python.sync_playwright import Axe
 from playwright.sync_api import Browser, BrowserContext, Page, expect, sync_playwright
 
 from tests import web
+from tests.patience import PATIENCE_S
 from tests.server import Server
 
 FLAGS = [
@@ -31,7 +32,8 @@ FLAGS = [
 GRAVE = {"serious", "critical"}
 CALM = {"viewport": {"width": 1280, "height": 800}, "locale": "en-GB", "reduced_motion": "reduce"}
 """A colour on its way from light to dark has neither's contrast: what is looked at stands still."""
-expect.set_options(timeout=20_000)
+_PATIENCE_MS = 1000.0 * PATIENCE_S
+expect.set_options(timeout=_PATIENCE_MS)
 
 
 @pytest.fixture(scope="session")
@@ -96,6 +98,7 @@ def visit(chromium: Browser) -> Iterator[Visit]:
     def open_page(url: str, **options: Any) -> Watched:
         chosen: dict[str, Any] = CALM | options
         contexts.append(chromium.new_context(**chosen))
+        contexts[-1].set_default_timeout(_PATIENCE_MS)
         return Watched(contexts[-1].new_page(), url)
 
     yield open_page

@@ -81,7 +81,7 @@ def _open(plant: Plant, watched: Watched) -> float:
     watched.sign_in(plant.running.admin_key)
     begun = time.perf_counter()
     page.goto(f"{plant.running.address}/#/maps/{plant.map_id}/scans/{plant.scan_id}")
-    expect(page.locator("canvas.cloud[data-drawn]")).to_be_visible(timeout=60_000)
+    expect(page.locator("canvas.cloud[data-drawn]")).to_be_visible()
     return time.perf_counter() - begun
 
 
@@ -91,7 +91,7 @@ def _points(page: Page) -> int:
 
 def _settled(page: Page) -> Locator:
     canvas = page.locator("canvas.cloud[data-settled=true]")
-    expect(canvas).to_be_visible(timeout=60_000)
+    expect(canvas).to_be_visible()
     return canvas
 
 

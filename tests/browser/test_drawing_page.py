@@ -157,7 +157,7 @@ def save(page: Page) -> None:
 def until_read(page: Page) -> None:
     save = page.get_by_role("button", name="Save and read again")
     expect(save).to_be_disabled()
-    expect(page.locator(".progress")).to_have_count(0, timeout=60_000)
+    expect(page.locator(".progress")).to_have_count(0)
     expect(save).to_be_disabled()
 
 
@@ -183,7 +183,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     drawings = page.get_by_role("region", name="Drawings")
     file = {"name": "hall.png", "mimeType": "image/png", "buffer": drawing_png(plant.hall)}
     drawings.get_by_label("Send a drawing").set_input_files([file])
-    drawings.get_by_role("link", name="Correct").click(timeout=60_000)
+    drawings.get_by_role("link", name="Correct").click()
     sheet = Sheet(page)
     expect(sheet.canvas).to_be_visible()
     watched.accessible()
@@ -198,7 +198,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
     page.get_by_label("Length [m]").fill(f"{2 * clicked.length_m}")
     page.get_by_role("button", name="Apply").click()
     scale = page.get_by_role("region", name="Scale")
-    expect(scale.get_by_text("Given", exact=True)).to_be_visible(timeout=60_000)
+    expect(scale.get_by_text("Given", exact=True)).to_be_visible()
     given = plant.drawing()["reading"]["scale"]["metres_per_unit"]
     truth = clicked.length_m / math.hypot(clicked.x2 - clicked.x1, clicked.y2 - clicked.y1)
     assert given == pytest.approx(2 * truth, rel=0.01)
@@ -208,7 +208,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
         sheet.click((x * factor, top - y * factor))
     page.get_by_label("Length [m]").fill(f"{clicked.length_m}")
     page.get_by_role("button", name="Apply").click()
-    expect(scale.get_by_text(re.compile(r"^0\.0(199|200)"))).to_be_visible(timeout=60_000)
+    expect(scale.get_by_text(re.compile(r"^0\.0(199|200)"))).to_be_visible()
     assert plant.drawing()["reading"]["scale"]["metres_per_unit"] == pytest.approx(truth, rel=0.01)
 
     walls = plant.features("walls")
@@ -240,7 +240,7 @@ def test_a_drawing_is_scaled_corrected_and_built_by_clicks(
 
     page.get_by_label("Voxel size").fill("0.2")
     page.get_by_role("button", name="Build a revision").click()
-    expect(page.get_by_role("status").filter(has_text="Revision made: 1")).to_be_visible(timeout=60_000)
+    expect(page.get_by_role("status").filter(has_text="Revision made: 1")).to_be_visible()
     recipe = plant.admin.get(f"/v1/maps/{plant.map_id}/revisions/1")["recipe"]
     assert (recipe["voxel_size_m"], recipe["floor"]) == (0.2, True)
     watched.accessible()
@@ -362,6 +362,6 @@ def set_scale_in_feet(page: Page, sheet: Sheet, plant: Plant) -> None:
         page.get_by_role("button", name="Apply").click()
         shown = re.compile(rf"^{times * truth:.5g}"[:6].replace(".", r"\."))
         region = page.get_by_role("region", name="Scale")
-        expect(region.get_by_text(shown)).to_be_visible(timeout=60_000)
+        expect(region.get_by_text(shown)).to_be_visible()
         now = plant.drawing()["reading"]["scale"]["metres_per_unit"]
         assert now == pytest.approx(times * truth, rel=0.01)

@@ -100,7 +100,7 @@ def _send_the_scan(page: Page, plant: Plant) -> None:
     scans = page.get_by_role("region", name="Scans")
     file = {"name": "press.ply", "mimeType": "application/octet-stream", "buffer": plant.scan_file}
     scans.get_by_label("Send a scan").set_input_files([file])
-    scans.get_by_role("link", name="Place").click(timeout=60_000)
+    scans.get_by_role("link", name="Place").click()
 
 
 def put_roughly(page: Page, truth: Transform) -> None:
@@ -149,7 +149,7 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
 
     page.get_by_role("button", name="Snap").click()
     accept = page.get_by_role("button", name="ccept")
-    expect(accept).to_be_visible(timeout=60_000)
+    expect(accept).to_be_visible()
     yaw = math.radians(_value(page, "Turn [°]"))
     x, y, _ = plant.truth.translation
     assert math.hypot(_value(page, "x [m]") - x, _value(page, "y [m]") - y) < 0.1
@@ -168,7 +168,7 @@ def test_a_scan_is_dragged_snapped_accepted_published_and_rolled_back(
     page.screenshot(path=pictures / "placement-3d.png")
 
     accept.click()
-    expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
+    expect(page.get_by_text("Revision made:")).to_be_visible()
     page.get_by_role("link", name="Back").click()
     revisions = page.get_by_role("region", name="Revisions")
     publish(page, revisions, "Revision 2", "Publish")
@@ -215,7 +215,7 @@ def test_a_scan_is_placed_by_keyboard_and_what_was_circled_is_left_out(plant: Pl
     np.testing.assert_allclose(np.subtract(after, before)[2], 1.0, atol=0.01)
     page.keyboard.press("Enter")
     accept = page.get_by_role("button", name="ccept")
-    expect(accept).to_be_visible(timeout=60_000)
+    expect(accept).to_be_visible()
 
     cloud = plant.cloud(map_id, 1)
     page.get_by_role("button", name="Circle what to leave out").click()
@@ -233,7 +233,7 @@ def test_a_scan_is_placed_by_keyboard_and_what_was_circled_is_left_out(plant: Pl
     page.mouse.up()
     expect(page.get_by_role("button", name="Circle what to leave out (1)")).to_be_visible()
     accept.click()
-    expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
+    expect(page.get_by_text("Revision made:")).to_be_visible()
 
     (made,) = plant.admin.get(f"/v1/revisions?map={map_id}&status=ready&limit=1")["items"]
     (part,) = (layer["part"] for layer in made["layers"] if layer["scan_id"] == scan["id"])

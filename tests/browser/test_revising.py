@@ -77,7 +77,7 @@ def _points_in(plant: Plant, n: int, folder: Path, corners: list[tuple[float, fl
 
 def _made(page: Page, n: int) -> None:
     page.get_by_role("button", name="Make the revision").click()
-    expect(page.get_by_role("status").filter(has_text=f"Revision made: {n}")).to_be_visible(timeout=60_000)
+    expect(page.get_by_role("status").filter(has_text=f"Revision made: {n}")).to_be_visible()
 
 
 def test_layers_and_a_region_are_changed_compared_and_published_to_both_channels(
@@ -129,7 +129,7 @@ def test_layers_and_a_region_are_changed_compared_and_published_to_both_channels
     assert _points_in(plant, 5, tmp_path, tapped) == _points_in(plant, 3, tmp_path, tapped)
 
     page.goto(f"{plant.running.address}/#/maps/{plant.map_id}/compare/2/4")
-    expect(page.get_by_role("img", name="Red went, green came")).to_be_visible(timeout=60_000)
+    expect(page.get_by_role("img", name="Red went, green came")).to_be_visible()
     told = page.get_by_role("region", name="What differs")
     expect(told.get_by_role("listitem")).to_have_count(3)
     expect(told.get_by_text("press 12").first).to_be_visible()

@@ -120,13 +120,13 @@ def test_a_scan_is_sent_over_a_bad_network_watched_and_taken(
         until_sent(network, before + 0.8 * len(content))
         network.cut()
         take = page.get_by_role("button", name="Yes, take it")
-        expect(take).to_be_visible(timeout=120_000)
+        expect(take).to_be_visible()
         assert network.cuts == 2
         assert network.sent - before < len(content) + PIECE + 20 * HEADERS
         watched.accessible()
         page.screenshot(path=pictures / "tablet-fit.png")
         take.tap()
-        expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
+        expect(page.get_by_text("Revision made:")).to_be_visible()
     (scan,) = plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]
     assert scan["sha256"] == hashlib.sha256(content).hexdigest()
     revisions = plant.admin.get(f"/v1/maps/{plant.map_id}/revisions")["items"]
@@ -155,7 +155,7 @@ def test_a_scan_given_up_is_sent_no_further_and_does_not_come_back(plant: Plant,
         with page.expect_response(lambda said: said.request.method == "DELETE" and said.status == 204):
             page.get_by_role("button", name="Stop and forget it").tap()
         send_file(page, "wanted.ply", wanted)
-        expect(page.get_by_role("link", name="Move it")).to_be_visible(timeout=120_000)
+        expect(page.get_by_role("link", name="Move it")).to_be_visible()
         assert network.sent - before < 0.2 * len(unwanted) + len(wanted) + PIECE + 20 * HEADERS
         page.get_by_role("button", name="Decide later").tap()
         expect(page.get_by_role("heading", name="Which map?")).to_be_visible()
@@ -187,7 +187,7 @@ def test_scans_wait_in_line_and_the_line_outlives_the_page(plant: Plant, visit: 
         until_sent(network, before + 0.5 * len(contents[0]))
         page.reload()
         expect(cards.filter(has_text="Waits until the one before is sent")).to_have_count(1)
-        expect(page.get_by_role("link", name="Move it")).to_have_count(2, timeout=120_000)
+        expect(page.get_by_role("link", name="Move it")).to_have_count(2)
         assert network.sent - before < len(contents[0]) + len(contents[2]) + PIECE + 40 * HEADERS
         watched.accessible()
         for _ in range(2):

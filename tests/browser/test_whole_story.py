@@ -32,7 +32,7 @@ def _make_map_and_send_drawing(page: Page, hall: Hall) -> str:
     drawings = page.get_by_role("region", name="Drawings")
     file = {"name": "hall.png", "mimeType": "image/png", "buffer": drawing_png(hall)}
     drawings.get_by_label("Send a drawing").set_input_files([file])
-    drawings.get_by_role("link", name="Correct").click(timeout=60_000)
+    drawings.get_by_role("link", name="Correct").click()
     found = re.search(r"#/maps/(\w+)/drawings/", page.url)
     assert found is not None
     return found.group(1)
@@ -49,9 +49,7 @@ def _correct_and_build(page: Page, admin: Client, map_id: str, hall: Hall) -> No
         sheet.click((x * factor, top - y * factor))
     page.get_by_label("Length [m]").fill(f"{clicked.length_m}")
     page.get_by_role("button", name="Apply").click()
-    expect(page.get_by_role("region", name="Scale").get_by_text("Given", exact=True)).to_be_visible(
-        timeout=60_000
-    )
+    expect(page.get_by_role("region", name="Scale").get_by_text("Given", exact=True)).to_be_visible()
     walls = admin.get(drawing["files"]["walls"])["features"]
     inner = min((one for one in walls if one["properties"].get("faces")), key=length)
     page.get_by_role("button", name="Set aside", exact=True).click()
@@ -63,7 +61,7 @@ def _correct_and_build(page: Page, admin: Client, map_id: str, hall: Hall) -> No
     page.get_by_label("Voxel size").fill("0.1")
     page.get_by_role("button", name="Build a revision").click()
     made = page.get_by_role("status").filter(has_text="Revision made: 1")
-    expect(made).to_be_visible(timeout=60_000)
+    expect(made).to_be_visible()
     page.get_by_role("link", name="Back").click()
 
 
@@ -84,7 +82,7 @@ def _send_scan_from_tablet(visit: Visit, plant: Plant) -> str:
         for share in (0.3, 0.7):
             until_sent(network, before + share * len(content))
             network.cut()
-        expect(page.get_by_role("link", name="Move it")).to_be_visible(timeout=120_000)
+        expect(page.get_by_role("link", name="Move it")).to_be_visible()
         assert network.cuts == 2
     (scan,) = plant.admin.get(f"/v1/maps/{plant.map_id}/scans")["items"]
     assert scan["sha256"] == hashlib.sha256(content).hexdigest()
@@ -113,13 +111,13 @@ def _move_snap_and_accept(page: Page, plant: Plant, scan_id: str) -> None:
     drag_off(page, canvas)
     page.get_by_role("button", name="Snap").click()
     accept = page.get_by_role("button", name="ccept")
-    expect(accept).to_be_visible(timeout=60_000)
+    expect(accept).to_be_visible()
     x, y, yaw = (float(page.get_by_label(label).input_value()) for label in ("x [m]", "y [m]", "Turn [°]"))
     truth = plant.scan.T_map_scan
     assert math.hypot(x - truth.translation[0], y - truth.translation[1]) < 0.1
     assert abs(math.remainder(math.radians(yaw) - truth.rpy[2], math.tau)) < math.radians(1.0)
     accept.click()
-    expect(page.get_by_text("Revision made:")).to_be_visible(timeout=60_000)
+    expect(page.get_by_text("Revision made:")).to_be_visible()
     page.get_by_role("link", name="Back").click()
 
 

@@ -19,15 +19,14 @@ from service.db.jobs import retry
 from service.db.models import Blob, Job
 from service.domain.lifecycle import MOST_FULL_TRIES, JobState
 from tests.full_disk.small_disk import (
-    PATIENCE_S,
     RESERVE_BYTES,
     SmallDisk,
     let_go,
     mounted,
     order_halt,
     wait_halted,
-    wait_until,
 )
+from tests.patience import PATIENCE_S, soon
 from tests.worker.workbench import Workbench, a_small_drawing, a_small_scan, kill
 
 RECORDS = {
@@ -207,7 +206,7 @@ def test_a_job_says_that_the_disk_is_full_and_ends_well(
         waits = job.state == JobState.QUEUED and (job.problem or {}).get("slug") == "storage-full"
         return waits or job.state == JobState.SUCCEEDED
 
-    wait_until(f"{kind} at {point}: {story.bench.job(job_id).state}", is_clear)
+    soon(is_clear, lambda: f"{kind} at {point}: {story.bench.job(job_id).state}")
     seen = story.bench.job(job_id)
     story.disk.make_room()
     job = story.bench.wait_final(job_id, patience_s=PATIENCE_S)
@@ -248,5 +247,5 @@ def assert_nothing_is_left(bench: Workbench, *, given: set[str]) -> None:
     with bench.kernel.db.reading() as session:
         rows = set(session.scalars(select(Blob.sha256)))
     assert {path.name for path in (bench.data_dir / "blobs").glob("??/*")} - given == rows - given
-    wait_until("the job's folder goes", lambda: not list((bench.data_dir / "jobs").iterdir()))
+    soon(lambda: not list((bench.data_dir / "jobs").iterdir()), "the job's folder stays")
     assert list((bench.data_dir / "blobs" / ".tmp").iterdir()) == []

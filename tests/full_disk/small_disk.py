@@ -6,7 +6,6 @@ import errno
 import os
 import signal
 import subprocess
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -14,7 +13,7 @@ from pathlib import Path
 
 import psutil
 
-from tests.patience import PATIENCE_S
+from tests.patience import soon
 
 SIZE_BYTES = 64 << 20
 RESERVE_BYTES = 2 << 20
@@ -77,25 +76,18 @@ def wait_halted(root_pid: int, data_dir: Path, *, is_over: Callable[[], bool]) -
 
     Fail when the work `is_over`: then nobody will come by any more.
     """
-    until = time.monotonic() + PATIENCE_S
-    while time.monotonic() < until and not is_over():
-        if not (data_dir / "crash-at").exists():
-            root = psutil.Process(root_pid)
-            for process in [root, *root.children(recursive=True)]:
-                if process.status() == psutil.STATUS_STOPPED:
-                    return process
-        time.sleep(0.01)
-    raise AssertionError("no process has come to the point")
+
+    def halted() -> psutil.Process | None:
+        assert not is_over(), "no process has come to the point"
+        if (data_dir / "crash-at").exists():
+            return None
+        root = psutil.Process(root_pid)
+        family = [root, *root.children(recursive=True)]
+        return next((one for one in family if one.status() == psutil.STATUS_STOPPED), None)
+
+    return soon(halted, "no process has come to the point")
 
 
 def let_go(process: psutil.Process) -> None:
     """Let a stopped process go on."""
     process.send_signal(signal.SIGCONT)
-
-
-def wait_until(what: str, holds: Callable[[], bool], *, patience_s: float = PATIENCE_S) -> None:
-    """Return once something holds; fail when it never does."""
-    until = time.monotonic() + patience_s
-    while not holds():
-        assert time.monotonic() < until, what
-        time.sleep(0.05)

@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import re
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -17,8 +14,10 @@ from typing import Any
 import httpx
 
 from service.settings import Settings
+from tests.forked import forked
 from tests.hostile.known import READING
-from tests.server import ROOT, Server, environment, running
+from tests.patience import PATIENCE_S, soon
+from tests.server import Server, environment, running
 
 MOST_CPU_S, MOST_MIB = 10.0, 1024
 """What reading a file may take at most."""
@@ -122,31 +121,33 @@ class Plant:
         return ending
 
     def _ended(self, job_id: str) -> dict[str, Any]:
-        until = time.monotonic() + _PATIENCE_S
-        while True:
+        def final() -> dict[str, Any] | None:
             job: dict[str, Any] = self.client.get(f"/v1/jobs/{job_id}").json()
-            if job["state"] in _FINAL:
-                return job
-            assert time.monotonic() < until, job
-            time.sleep(0.02)
+            return job if job["state"] in _FINAL else None
+
+        return soon(final, f"{job_id} never ended", patience_s=_PATIENCE_S)
 
     def _cost(self, job_id: str) -> tuple[float, int]:
         """Return the CPU seconds and the MiB of a job, as its worker wrote them (rusage) at its end."""
-        until = time.monotonic() + _PATIENCE_S
-        while job_id not in self._took:
-            assert time.monotonic() < until, f"{job_id} never ended in {self._log}"
-            with self._log.open("rb") as log:
-                log.seek(self._read)
-                for line in log:
-                    if not line.endswith(b"\n"):
-                        break
-                    self._read += len(line)
-                    if b'"job ended"' in line:
-                        said = json.loads(line)
-                        cpu_s, peak_mib = self._took.get(said["job"], (0.0, 0))
-                        self._took[said["job"]] = (cpu_s + said["cpu_s"], max(peak_mib, said["peak_mib"]))
-            time.sleep(0.01)
-        return self._took[job_id]
+
+        def told() -> tuple[float, int] | None:
+            self._read_on()
+            return self._took.get(job_id)
+
+        return soon(told, f"{job_id} never ended in {self._log}", patience_s=_PATIENCE_S)
+
+    def _read_on(self) -> None:
+        """Take note of the jobs that the worker's log says to have ended since it was read last."""
+        with self._log.open("rb") as log:
+            log.seek(self._read)
+            for line in log:
+                if not line.endswith(b"\n"):
+                    break
+                self._read += len(line)
+                if b'"job ended"' in line:
+                    said = json.loads(line)
+                    cpu_s, peak_mib = self._took.get(said["job"], (0.0, 0))
+                    self._took[said["job"]] = (cpu_s + said["cpu_s"], max(peak_mib, said["peak_mib"]))
 
     def _unwell(self, ids: dict[str, str]) -> Iterator[str]:
         """Yield which lists, and which things of an upload by their ids, do not answer 200 with JSON."""
@@ -178,11 +179,9 @@ def working(settings: Settings) -> Iterator[Plant]:
     with running(settings) as server:
         path = settings.data_dir / "worker.log"
         with path.open("ab") as log:
-            worker = subprocess.Popen(
-                [sys.executable, "-m", "worker"], cwd=ROOT, env=environment(settings), stdout=log, stderr=log
-            )
+            worker = forked("worker", env=environment(settings), stdout=log, stderr=log)
         try:
             yield Plant(server, path)
         finally:
             worker.send_signal(signal.SIGTERM)
-            worker.wait(timeout=60)
+            worker.wait(timeout=PATIENCE_S)

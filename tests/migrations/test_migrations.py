@@ -27,6 +27,7 @@ from service.domain.lifecycle import Role
 from service.settings import Settings
 from service.usecases.keys import create_key_at_the_console
 from tests.migrations.filling import ROWS, Rows, fill, read, reflected, shape
+from tests.migrations.ladder import PostgresLadder, SqliteLadder
 from tests.postgres import PostgresServer
 from tests.server import environment, start
 
@@ -41,6 +42,28 @@ def engine(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[Engine]:
     engine = open_engine(url)
     yield engine
     engine.dispose()
+
+
+@pytest.fixture(scope="module")
+def ladders() -> dict[str, SqliteLadder | PostgresLadder]:
+    """Give a place for what is made once, by the kind of database."""
+    return {}
+
+
+@pytest.fixture(params=["sqlite", pytest.param("postgres", marks=pytest.mark.postgres)])
+def ladder(
+    request: pytest.FixtureRequest,
+    ladders: dict[str, SqliteLadder | PostgresLadder],
+    tmp_path_factory: pytest.TempPathFactory,
+) -> SqliteLadder | PostgresLadder:
+    """Give databases at each step."""
+    if request.param not in ladders:
+        ladders[request.param] = (
+            SqliteLadder(STEPS, tmp_path_factory.mktemp("ladder"))
+            if request.param == "sqlite"
+            else PostgresLadder(STEPS, request.getfixturevalue("postgres_server"))
+        )
+    return ladders[request.param]
 
 
 def _ours(name: str | None, kind: str, _parents: object) -> bool:
@@ -139,43 +162,20 @@ def test_rows_of_every_table_survive_every_step_up_and_down(engine: Engine) -> N
 
 @pytest.mark.parametrize("step", STEPS[:-1])
 def test_an_earlier_schema_with_rows_comes_to_the_newest_and_back_in_one_go(
-    engine: Engine, step: str
+    ladder: SqliteLadder | PostgresLadder, step: str
 ) -> None:
-    schema.upgrade(engine, to=step)
-    rows, before = fill(engine), shape(engine)
-    schema.upgrade(engine)
-    assert schema.is_current(engine)
-    assert rows.keys() <= read(engine).keys()
-    _same(rows, read(engine))
-    _whole(engine)
-    schema.downgrade(engine, to=step)
-    assert read(engine) == rows
-    assert shape(engine) == before
-    _whole(engine)
-
-
-def test_who_took_a_layer_in_and_where_its_drawing_lies_are_found_in_earlier_rows(engine: Engine) -> None:
-    schema.upgrade(engine, to="0018")
-    rows = fill(engine)
-    revisions = sorted(rows["revisions"], key=lambda row: row["n"])
-    frame = {"drawing_origin": [51_234.0, -8.5], "drawing_top": None}
-    tables = reflected(engine).tables
-    with engine.begin() as connection:
-        same = {"layer_id": "lyr_1", "placement_id": rows["placements"][0]["id"]}
-        connection.execute(tables["layers"].update().values(same))
-        at = {"map_id": rows["maps"][0]["id"], "drawing_id": rows["drawings"][0]["id"]}
-        connection.execute(tables["revisions"].update().values(at))
-        reading = {"reading": {**frame, "unit": "m"}, "walls_sha256": revisions[1]["walls_sha256"]}
-        connection.execute(
-            tables["drawings"].update().where(tables["drawings"].c.id == at["drawing_id"]).values(reading)
-        )
-    schema.upgrade(engine, to="0019")
-    after = read(engine)
-    first = revisions[0]
-    assert {row["accepted_by"] for row in after["layers"]} == {first["created_by"]}
-    assert {row["accepted_at"] for row in after["layers"]} == {first["created_at"]}
-    found = {row["id"]: row["drawing_frame"] for row in after["revisions"]}
-    assert found == {row["id"]: frame if row is revisions[1] else None for row in revisions}
+    with ladder.at(step) as engine:
+        rows, before = fill(engine), shape(engine)
+        schema.upgrade(engine)
+        assert schema.is_current(engine)
+        after = read(engine)
+        assert rows.keys() <= after.keys()
+        _same(rows, after)
+        _whole(engine)
+        schema.downgrade(engine, to=step)
+        assert read(engine) == rows
+        assert shape(engine) == before
+        _whole(engine)
 
 
 def test_what_a_step_down_loses_is_listed(engine: Engine) -> None:

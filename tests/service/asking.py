@@ -7,6 +7,7 @@ from typing import Any
 
 import httpx
 
+from tests.patience import soon
 from tests.service.by_hand import ByHand
 
 _names = count(1)
@@ -55,3 +56,13 @@ def a_placement(admin: httpx.Client, by_hand: ByHand, map_id: str, *, verdict: s
     by_hand.place(asked["job"]["id"], verdict=verdict)
     placement_id: str = asked["placement"]["id"]
     return placement_id
+
+
+def ended(client: httpx.Client, job_id: str) -> dict[str, Any]:
+    """Return a job once it has ended, well or not."""
+
+    def final() -> dict[str, Any] | None:
+        job = ok(client.get(f"/v1/jobs/{job_id}"))
+        return job if job["state"] in {"succeeded", "failed", "cancelled"} else None
+
+    return soon(final, lambda: ok(client.get(f"/v1/jobs/{job_id}")))

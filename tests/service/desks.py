@@ -3,9 +3,6 @@
 from __future__ import annotations
 
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -18,10 +15,11 @@ from pydantic import SecretStr
 
 from service.settings import Settings
 from tests.every_list import Look
+from tests.forked import forked
 from tests.patience import PATIENCE_S
 from tests.postgres import PostgresServer
-from tests.server import ROOT, Server, environment, running
-from tests.service.asking import a_map, ok
+from tests.server import Server, environment, running
+from tests.service.asking import a_map, ended, ok
 
 LOOPBACK = {"GROUNDPLAN_WEBHOOK_NETWORKS": "127.0.0.0/8"}
 
@@ -41,11 +39,7 @@ class Desk:
 
     def ended(self, job: dict[str, Any]) -> dict[str, Any]:
         """Return a job once it has ended, after a look at every list and all that is new."""
-        until = time.monotonic() + PATIENCE_S
-        while job["state"] not in {"succeeded", "failed"}:
-            assert time.monotonic() < until, job
-            time.sleep(0.05)
-            job = ok(self.client.get(f"/v1/jobs/{job['id']}"))
+        job = ended(self.client, job["id"])
         self.look.news()
         return job
 
@@ -86,9 +80,8 @@ def at_desk(request: pytest.FixtureRequest, folder: Path) -> Iterator[Desk]:
 def working(server: Server) -> Iterator[None]:
     """Run a worker on a service's data."""
     with (server.settings.data_dir / "worker.log").open("ab") as log:
-        worker = subprocess.Popen(
-            [sys.executable, "-m", "worker"],
-            cwd=ROOT,
+        worker = forked(
+            "worker",
             env=environment(server.settings, **LOOPBACK),
             stdout=log,
             stderr=log,
@@ -98,4 +91,4 @@ def working(server: Server) -> Iterator[None]:
         yield
     finally:
         worker.send_signal(signal.SIGTERM)
-        worker.wait(timeout=30)
+        worker.wait(timeout=PATIENCE_S)

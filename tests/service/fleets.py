@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, TypeVar
 
 import httpx
 
-from tests.patience import PATIENCE_S
+from tests.patience import soon
 from tests.server import Server
 from tests.service.asking import a_map, a_ready_revision, ok
 from tests.service.by_hand import ByHand
@@ -87,14 +86,3 @@ class Fleet:
     def having(self, n: int) -> list[RobotInTest]:
         """Return the robots that are told to run revision `n`."""
         return [robot for robot in self.robots if robot.told() == n]
-
-
-def soon(look: Callable[[], T | None], *, patience_s: float = PATIENCE_S) -> T:
-    """Return what `look` finds; it has to find something soon."""
-    until = time.monotonic() + patience_s
-    while True:
-        found = look()
-        if found:
-            return found
-        assert time.monotonic() < until, "it did not come to that"
-        time.sleep(0.05)

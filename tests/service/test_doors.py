@@ -15,6 +15,7 @@ import pytest
 from service.db.keys import lock_admin_keys
 from service.settings import Settings
 from tests import web
+from tests.patience import PATIENCE_S
 from tests.server import Server, running, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -88,8 +89,8 @@ def test_of_two_that_revoke_each_other_one_stays(fresh: Server) -> None:
         def revoke(secret: str, other: str, ready: threading.Barrier, told: list[int]) -> None:
             with web.Client(base_url=fresh.url, headers={"Authorization": f"Bearer {secret}"}) as client:
                 client.get("/healthz")
-                ready.wait(timeout=30)
-                told.append(client.delete(f"/v1/keys/{other}", timeout=60).status_code)
+                ready.wait(timeout=PATIENCE_S)
+                told.append(client.delete(f"/v1/keys/{other}", timeout=PATIENCE_S).status_code)
 
         others = dict(zip(pair, reversed(pair), strict=True))
         threads = [
@@ -99,7 +100,7 @@ def test_of_two_that_revoke_each_other_one_stays(fresh: Server) -> None:
         for thread in threads:
             thread.start()
         for thread in threads:
-            thread.join(timeout=60)
+            thread.join(timeout=PATIENCE_S)
         assert sorted(statuses) in ([204, 401], [204, 409]), statuses
         keys = {k: s for k, s in pair.items() if fresh.client(s).get("/v1/keys").status_code == 200}
         assert len(keys) == 1

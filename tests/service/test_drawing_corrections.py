@@ -5,9 +5,6 @@ from __future__ import annotations
 import io
 import json
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from typing import Any
 
@@ -15,8 +12,10 @@ import httpx
 import pytest
 from PIL import Image, ImageDraw
 
-from tests.server import ROOT, Server, environment
-from tests.service.asking import a_map, ok, refused
+from tests.forked import forked
+from tests.patience import PATIENCE_S
+from tests.server import Server, environment
+from tests.service.asking import a_map, ended, ok, refused
 
 EXCLUDE = {"action": "exclude", "within": [[0.0, 0.0], [90.0, 0.0], [90.0, 40.0]]}
 ADD = {"action": "add-wall", "line": [[300.0, 160.0], [300.0, 440.0]], "thickness_m": 0.3}
@@ -39,10 +38,10 @@ WRONG = [
 
 @pytest.fixture(scope="module")
 def worker(server: Server) -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-m", "worker"], cwd=ROOT, env=environment(server.settings))
+    process = forked("worker", env=environment(server.settings))
     yield
     process.send_signal(signal.SIGTERM)
-    process.wait(timeout=30)
+    process.wait(timeout=PATIENCE_S)
 
 
 def a_room(*, bench_at: int = 250) -> bytes:
@@ -63,14 +62,9 @@ def send(client: httpx.Client, map_id: str, content: bytes, **fields: str) -> ht
 def read(client: httpx.Client, answer: httpx.Response) -> dict[str, Any]:
     """Return the drawing once its job has succeeded."""
     accepted = ok(answer, 202)
-    deadline = time.monotonic() + 120
-    while True:
-        job = ok(client.get(f"/v1/jobs/{accepted['job']['id']}"))
-        if job["state"] in {"succeeded", "failed", "cancelled"}:
-            assert job["state"] == "succeeded", job
-            return ok(client.get(f"/v1/drawings/{accepted['drawing']['id']}"))
-        assert time.monotonic() < deadline, job
-        time.sleep(0.05)
+    job = ended(client, accepted["job"]["id"])
+    assert job["state"] == "succeeded", job
+    return ok(client.get(f"/v1/drawings/{accepted['drawing']['id']}"))
 
 
 def features(client: httpx.Client, drawing: dict[str, Any], name: str) -> list[dict[str, Any]]:

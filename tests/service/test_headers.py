@@ -17,6 +17,7 @@ from service.settings import Settings
 from service.web.pages import CONTENT_SECURITY_POLICY, DIST
 from tests import web
 from tests.front import make_certificate
+from tests.patience import PATIENCE_S
 from tests.server import Server, environment, running
 from tests.service.asking import a_map, a_ready_revision, ok
 from tests.service.by_hand import ByHand
@@ -123,7 +124,7 @@ def test_downloads_whole_in_part_and_unchanged(admin: httpx.Client, by_hand: ByH
 )
 def test_what_is_no_request(server: Server, sent: bytes) -> None:
     where = urlsplit(server.url)
-    with socket.create_connection((where.hostname, where.port), timeout=30) as connection:
+    with socket.create_connection((where.hostname, where.port), timeout=PATIENCE_S) as connection:
         connection.sendall(sent)
         answer = b"".join(iter(lambda: connection.recv(65536), b"")).decode()
     assert answer.startswith("HTTP/1.1 400 ")

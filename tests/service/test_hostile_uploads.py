@@ -7,7 +7,6 @@ import signal
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from typing import Any
@@ -19,7 +18,10 @@ import pytest
 
 from service.settings import Settings
 from tests import files
-from tests.server import ROOT, Server, environment, running
+from tests.forked import forked
+from tests.patience import PATIENCE_S
+from tests.server import Server, environment, running
+from tests.service.asking import ended
 
 MIB = 1 << 20
 LIMIT_BYTES = 1024 * MIB
@@ -31,14 +33,12 @@ FORM = {"content-type": "multipart/form-data; boundary=b0undary"}
 def served(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
     settings = Settings(data_dir=tmp_path_factory.mktemp("hostile"), max_upload_bytes=LIMIT_BYTES)
     with running(settings) as server:
-        worker = subprocess.Popen(
-            [sys.executable, "-m", "worker"], cwd=ROOT, env=environment(settings), start_new_session=True
-        )
+        worker = forked("worker", env=environment(settings), start_new_session=True)
         try:
             yield server
         finally:
             worker.send_signal(signal.SIGTERM)
-            worker.wait(timeout=30)
+            worker.wait(timeout=PATIENCE_S)
 
 
 @pytest.fixture(scope="module")
@@ -83,15 +83,10 @@ def outcome(client: httpx.Client, answer: httpx.Response) -> dict[str, Any]:
         assert answer.headers["content-type"] == "application/problem+json"
         refused: dict[str, Any] = answer.json()
         return refused
-    deadline = time.monotonic() + 120
-    while True:
-        job = client.get(f"/v1/jobs/{answer.json()['job']['id']}").json()
-        if job["state"] in {"succeeded", "failed", "cancelled"}:
-            assert job["state"] == "failed", job
-            problem: dict[str, Any] = job["problem"]
-            return problem
-        assert time.monotonic() < deadline, job
-        time.sleep(0.05)
+    job = ended(client, answer.json()["job"]["id"])
+    assert job["state"] == "failed", job
+    problem: dict[str, Any] = job["problem"]
+    return problem
 
 
 def _nan_cloud(write: Any) -> bytes:
@@ -232,7 +227,7 @@ def test_curl_sees_the_refusal_too(served: Server, map_id: str, *, chunked: bool
         stdin=zeros.stdout,
         capture_output=True,
         text=True,
-        timeout=120,
+        timeout=PATIENCE_S,
         check=False,
     )
     assert zeros.stdout is not None

@@ -7,7 +7,6 @@ import json
 import socketserver
 import tempfile
 import threading
-import time
 from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -17,7 +16,7 @@ import pytest
 
 from service.domain.plain import plain
 from tests import files, poison
-from tests.patience import PATIENCE_S
+from tests.patience import soon
 from tests.service.asking import ok
 from tests.service.desks import Desk
 
@@ -123,12 +122,11 @@ def test_no_answer_to_a_webhook_poisons_a_list(desk: Desk, case: str) -> None:
     with _answering(ANSWERS[case]) as url:
         hook = ok(desk.client.post("/v1/webhooks", json={"url": url, "events": ["job.failed"]}), 201)
         desk.told("drawings", "cut.dxf", b"  0\nSECTION\n  2\nENTITIES\n  0\nLINE\n" + case.encode())
-        until = time.monotonic() + PATIENCE_S
-        while True:
+
+        def tried() -> bool:
             found = ok(desk.client.get(f"/v1/webhooks/{hook['id']}/deliveries"))["items"]
-            if found and found[0]["tries"]:
-                break
-            assert time.monotonic() < until, found
-            time.sleep(0.1)
+            return bool(found and found[0]["tries"])
+
+        soon(tried, "nothing was delivered")
         desk.look.news()
         assert desk.client.delete(f"/v1/webhooks/{hook['id']}").status_code == 204

@@ -9,6 +9,7 @@ import socket
 import subprocess
 import sys
 import threading
+from collections.abc import Iterator
 from datetime import datetime
 from pathlib import Path
 
@@ -19,6 +20,7 @@ from service.app import open_kernel
 from service.settings import Settings
 from tests import web
 from tests.commands import documented
+from tests.patience import PATIENCE_S
 from tests.schemas import bring_to_head
 from tests.server import ROOT, Server, environment, running, start
 from tests.service.asking import a_map, ok
@@ -26,7 +28,25 @@ from tests.service.by_hand import ByHand
 
 MIB = 1024 * 1024
 DRIVERS = ("psycopg", "asyncpg")
-HEAVY = ("scipy", "numba", "open3d", "cv2", "PIL", "skimage", "shapely", "plyfile", "pypcd4", "ezdxf")
+HEAVY = (
+    "scipy",
+    "numba",
+    "open3d",
+    "cv2",
+    "PIL",
+    "skimage",
+    "shapely",
+    "plyfile",
+    "pypcd4",
+    "ezdxf",
+)
+
+
+@pytest.fixture(scope="module")
+def server(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Server]:
+    """Give a service that Python started anew, as a person starts it."""
+    with running(Settings(data_dir=tmp_path_factory.mktemp("service")), by_itself=True) as started:
+        yield started
 
 
 def _run(settings: Settings, *words: str) -> subprocess.CompletedProcess[str]:
@@ -94,7 +114,7 @@ def test_a_key_made_at_the_console_is_told_as_the_api_tells_one(server: Server, 
 
 
 def _with_files(settings: Settings) -> Server:
-    with running(settings) as server:
+    with running(settings, by_itself=True) as server:
         ByHand(server.kernel).drawing(a_map(server.client(server.admin_key)), read=False)
     return server
 
@@ -111,7 +131,7 @@ def _refused_without_blobs(settings: Settings, server: Server) -> None:
             assert len(done.stderr.splitlines()) == 1
     shutil.copytree(hidden, blobs, dirs_exist_ok=True)
     assert _run(settings, "migrate").returncode == 0
-    started = start(settings, admin_key=server.admin_key)
+    started = start(settings, admin_key=server.admin_key, by_itself=True)
     started.close()
 
 
@@ -172,16 +192,16 @@ def test_a_key_at_the_console_is_for_maps_that_exist(server: Server, admin: http
 
 def test_the_first_key_is_printed_once(tmp_path: Path) -> None:
     settings = Settings(data_dir=tmp_path)
-    first = start(settings)
+    first = start(settings, by_itself=True)
     first.close()
-    second = start(settings, admin_key=first.admin_key)
+    second = start(settings, admin_key=first.admin_key, by_itself=True)
     try:
         ok(second.client(first.admin_key).get("/v1/keys"))
         assert first.admin_key not in first.log.read_text(encoding="utf-8")
     finally:
         second.close()
     with pytest.raises(AssertionError, match="printed no key"):
-        start(settings)
+        start(settings, by_itself=True)
 
 
 def _first_keys(settings: Settings) -> list[str]:
@@ -223,7 +243,7 @@ def test_of_two_services_that_start_one_makes_the_key_on_postgres(tmp_path: Path
 
 
 def test_a_stopping_service_ends_its_event_streams(tmp_path: Path) -> None:
-    with running(Settings(data_dir=tmp_path)) as server:
+    with running(Settings(data_dir=tmp_path), by_itself=True) as server:
         admin = server.client(server.admin_key)
         map_id = a_map(admin)
         ByHand(server.kernel).drawing(map_id, read=False)
@@ -239,7 +259,7 @@ def test_a_stopping_service_ends_its_event_streams(tmp_path: Path) -> None:
 
         listener = threading.Thread(target=listen)
         listener.start()
-        assert heard.wait(timeout=30)
+        assert heard.wait(timeout=PATIENCE_S)
         assert server.stop() == 0
-        listener.join(timeout=30)
+        listener.join(timeout=PATIENCE_S)
         assert ended.is_set()

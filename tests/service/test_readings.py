@@ -4,9 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Iterator
 from dataclasses import astuple
 from pathlib import Path
@@ -21,31 +18,24 @@ from pypcd4 import PointCloud
 from service.domain.scale_hint import KnownLength, ScaleHint
 from tests import files
 from tests.factories import a_drawing_png
-from tests.server import ROOT, Server, environment
+from tests.forked import forked
+from tests.patience import PATIENCE_S
+from tests.server import Server, environment
+from tests.service.asking import ended
 
 
 @pytest.fixture(scope="module")
 def worker(server: Server) -> Iterator[None]:
-    process = subprocess.Popen([sys.executable, "-m", "worker"], cwd=ROOT, env=environment(server.settings))
+    process = forked("worker", env=environment(server.settings))
     yield
     process.send_signal(signal.SIGTERM)
-    process.wait(timeout=30)
+    process.wait(timeout=PATIENCE_S)
 
 
 @pytest.fixture(scope="module")
 def map_id(admin: httpx.Client) -> str:
     identifier: str = admin.post("/v1/maps", json={"site": "plant", "name": "readings"}).json()["id"]
     return identifier
-
-
-def wait(client: httpx.Client, job_id: str) -> dict[str, Any]:
-    deadline = time.monotonic() + 120
-    while True:
-        job: dict[str, Any] = client.get(f"/v1/jobs/{job_id}").json()
-        if job["state"] in {"succeeded", "failed", "cancelled"}:
-            return job
-        assert time.monotonic() < deadline, job
-        time.sleep(0.05)
 
 
 def spread(walls: dict[str, Any]) -> float:
@@ -68,7 +58,7 @@ def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_
         data={"metres_per_unit": repr(true)},
     )
     assert sent.status_code == 202, sent.text
-    assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
+    assert ended(admin, sent.json()["job"]["id"])["state"] == "succeeded"
     at = sent.headers["location"]
     first = admin.get(at).json()
     assert first["reading"]["scale"]["metres_per_unit"] == true
@@ -86,14 +76,14 @@ def test_a_drawing_is_read_and_read_again(admin: httpx.Client, map_id: str, tmp_
     assert width > 5.0
     assert admin.get(first["files"]["removed"]).json()["type"] == "FeatureCollection"
 
-    failed = wait(admin, admin.patch(at, json={"page": 9}).json()["job"]["id"])
+    failed = ended(admin, admin.patch(at, json={"page": 9}).json()["job"]["id"])
     assert failed["problem"]["type"].endswith("/problems/page-not-found")
     kept = admin.get(at).json()
     assert (kept["reading"], kept["files"]) == (first["reading"], first["files"])
     assert admin.get(first["files"]["walls"]).content == walls.content
 
     again = admin.patch(at, json={"page": 1, "scale": {"metres_per_unit": 1.05 * true}})
-    assert wait(admin, again.json()["job"]["id"])["state"] == "succeeded"
+    assert ended(admin, again.json()["job"]["id"])["state"] == "succeeded"
     assert admin.get(at).json()["reading"]["scale"]["metres_per_unit"] == 1.05 * true
     assert spread(admin.get(first["files"]["walls"]).json()) == pytest.approx(1.05 * width, rel=0.005)
 
@@ -110,7 +100,7 @@ def test_a_scale_that_nobody_gave_is_found_on_the_sheet_or_unknown(
     for name in ("hall.png", "bare.png"):
         content = (tmp_path / name).read_bytes()
         sent = admin.post(f"/v1/maps/{map_id}/drawings", files={"file": (name, content)})
-        assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
+        assert ended(admin, sent.json()["job"]["id"])["state"] == "succeeded"
         scales.append(admin.get(sent.headers["location"]).json()["reading"]["scale"])
     true = ScaleHint(known_length=measured).metres_per_px()
     assert (scales[0]["state"], scales[1]["state"]) == ("found", "unknown")
@@ -122,7 +112,7 @@ def test_a_scale_that_nobody_gave_is_found_on_the_sheet_or_unknown(
 def test_a_scan_is_read(admin: httpx.Client, map_id: str, tmp_path: Path) -> None:
     points = files.room(20_000)
     sent = admin.post(f"/v1/maps/{map_id}/scans", files={"file": ("room.pcd", files.pcd(points))})
-    assert wait(admin, sent.json()["job"]["id"])["state"] == "succeeded"
+    assert ended(admin, sent.json()["job"]["id"])["state"] == "succeeded"
     scan = admin.get(sent.headers["location"]).json()
     assert scan["reading"]["points"] == len(points)
     assert scan["reading"]["extent_m"]["max"] == pytest.approx([6.0, 4.0, 2.5], abs=0.02)

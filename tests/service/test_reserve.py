@@ -26,6 +26,7 @@ from service.storage.room import Room, Space, tells_full_disk
 from service.usecases.bytes_first import bytes_first
 from tests import files, web
 from tests.architecture.sources import ROOT
+from tests.patience import PATIENCE_S
 from tests.server import Server, start
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -238,7 +239,7 @@ def test_no_byte_is_read_first(full: Installation, kind: str) -> None:
         f"POST /v1/maps/{full.map_id}/drawings HTTP/1.1\r\nHost: x\r\nAuthorization: Bearer {full.key}\r\n"
         f"Content-Type: multipart/form-data; boundary=b\r\n{length}\r\nExpect: 100-continue\r\n\r\n"
     )
-    with socket.create_connection((host, int(port)), timeout=30) as sender:
+    with socket.create_connection((host, int(port)), timeout=PATIENCE_S) as sender:
         sender.sendall(head.encode())
         answer = sender.recv(65536)
     assert answer.startswith(b"HTTP/1.1 507 "), answer

@@ -11,10 +11,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from service.domain.rollout import Stage, bound_of, rank, takes
+from tests.patience import soon
 from tests.server import ClientFor, Server, start
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
-from tests.service.fleets import Fleet, soon
+from tests.service.fleets import Fleet
 
 CANARIES, TENTH, HALF, ALL = {"group": "canary"}, {"share": 0.1}, {"share": 0.5}, {"share": 1.0}
 

@@ -10,6 +10,7 @@ import httpx
 import pytest
 
 from service.settings import Settings
+from tests.patience import PATIENCE_S
 from tests.server import Server, start
 from tests.service.tus_client import (
     PLY,
@@ -119,5 +120,5 @@ def _upload(servers: list[Server], settings: Settings, map_id: str, *, verified:
             extra = {"Upload-Checksum": checksum(content)} if verified else {}
             assert piece(client, path, at, content, **extra).status_code == 204
         except httpx.TransportError:
-            servers[-1].process.wait(timeout=20)
+            servers[-1].process.wait(timeout=PATIENCE_S)
             servers.append(start(settings, admin_key=key))

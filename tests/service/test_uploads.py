@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import hashlib
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
@@ -12,6 +11,7 @@ import httpx
 import pytest
 
 from tests import files, web
+from tests.patience import soon
 from tests.server import ClientFor, Server
 
 PNG = files.png()
@@ -289,14 +289,8 @@ def test_a_client_that_goes_away_leaves_nothing(server: Server, tablet: httpx.Cl
     ).encode()
     with socket.create_connection(address) as connection:
         connection.sendall(head + PLY)
-        deadline = time.monotonic() + 10
-        while not leftovers(server):
-            assert time.monotonic() < deadline
-            time.sleep(0.02)
-    deadline = time.monotonic() + 10
-    while leftovers(server):
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
+        soon(lambda: leftovers(server))
+    soon(lambda: not leftovers(server))
     assert tablet.get(f"/v1/maps/{map_id}/scans", params={"limit": 200}).json() == before
     assert "Traceback" not in server.log.read_text()
 

@@ -6,8 +6,7 @@ import base64
 import os
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -28,6 +27,7 @@ from service.usecases.bytes_first import bytes_first
 from service.usecases.kernel import Kernel
 from service.usecases.resumable_upload import begun_whole
 from tests import files
+from tests.patience import soon
 from tests.server import Server
 
 pytestmark = pytest.mark.postgres
@@ -123,7 +123,7 @@ class Halted:
 
         def wait_and_cut() -> None:
             with socket.socket(fileno=copy) as broken:
-                wait_until(self.is_reached)
+                soon(self.is_reached)
                 broken.shutdown(socket.SHUT_RDWR)
 
         cutter = threading.Thread(target=wait_and_cut)
@@ -133,7 +133,7 @@ class Halted:
     def let_go(self) -> None:
         """Let the server finish the commit."""
         self._door.execute("SELECT pg_advisory_unlock(1)")
-        wait_until(lambda: not self.is_reached())
+        soon(lambda: not self.is_reached())
 
 
 def add_trigger(door: psycopg.Connection[tuple[int]], table: str, body: str) -> None:
@@ -149,14 +149,6 @@ def add_trigger(door: psycopg.Connection[tuple[int]], table: str, body: str) -> 
             " FOR EACH ROW EXECUTE FUNCTION at_commit()"
         ).format(sql.Identifier(table))
     )
-
-
-def wait_until(holds: Callable[[], bool]) -> None:
-    """Return once something holds."""
-    until = time.monotonic() + 60.0
-    while not holds():
-        assert time.monotonic() < until
-        time.sleep(0.02)
 
 
 @pytest.fixture
@@ -197,7 +189,7 @@ def test_files_stay_where_a_commit_got_no_answer(kernel: Kernel, door: Any, tmp_
     cutters[0].join()
     assert not has_row(kernel, stored[0]), "the commit is not over"
     halted.let_go()
-    wait_until(lambda: has_row(kernel, stored[0]))
+    soon(lambda: has_row(kernel, stored[0]))
     assert kernel.blobs.exists(stored[0]), "a row without its bytes"
     assert pieces.path(upload_id).exists(), "the same for an upload in pieces"
 

@@ -16,11 +16,12 @@ from pydantic import SecretStr
 from standardwebhooks.webhooks import Webhook, WebhookVerificationError
 
 from service.settings import Settings
+from tests.patience import soon
 from tests.receiver import Letter, Receiver, receiving
 from tests.server import ROOT, Server, environment, new_client, running
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
-from tests.service.fleets import Fleet, soon
+from tests.service.fleets import Fleet
 
 EVERYTHING = [
     "revision.ready",

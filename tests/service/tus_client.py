@@ -5,13 +5,13 @@ from __future__ import annotations
 import base64
 import hashlib
 import socket
-import time
 from pathlib import Path
 from typing import Any
 
 import httpx
 
 from tests import files
+from tests.patience import soon
 from tests.server import Server
 
 PLY = files.ply(files.room(200_000))
@@ -53,12 +53,8 @@ def offset(client: httpx.Client, location: str) -> int:
 
 def offset_when_free(client: httpx.Client, location: str) -> int:
     """Return the offset after whoever writes has ended."""
-    deadline = time.monotonic() + 20
-    while (answer := client.head(location, headers=TUS)).status_code == 423:
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    assert answer.status_code == 200, answer.status_code
-    return int(answer.headers["upload-offset"])
+    soon(lambda: client.head(location, headers=TUS).status_code != 423, "somebody writes for ever")
+    return offset(client, location)
 
 
 def piece(client: httpx.Client, location: str, at: int, content: bytes, **headers: str) -> httpx.Response:
@@ -98,10 +94,7 @@ def slow_piece(server: Server, key: str, location: str, at: int, content: bytes)
 
 
 def wait_until_stored(path: Path, least: int) -> None:
-    deadline = time.monotonic() + 20
-    while not path.exists() or path.stat().st_size < least:
-        assert time.monotonic() < deadline, f"{path} has only {path.stat().st_size} bytes"
-        time.sleep(0.01)
+    soon(lambda: path.exists() and path.stat().st_size >= least, f"{path} has fewer than {least} bytes")
 
 
 def scans(client: httpx.Client, map_id: str) -> list[dict[str, Any]]:

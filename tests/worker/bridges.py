@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import subprocess
-import sys
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -11,29 +9,23 @@ from typing import Any
 
 import httpx
 
-from tests.patience import PATIENCE_S
-from tests.server import ROOT, Server, environment
+from tests.forked import Forked, forked
+from tests.patience import PATIENCE_S, soon
+from tests.server import Server, environment
 from tests.service.asking import a_map, ok
 from tests.service.by_hand import ByHand
-from tests.service.fleets import soon
 from tests.worker.vehicle_messages import MAKER
 
 
-def start_bridge(server: Server, port: int, log: Path, **more: str) -> subprocess.Popen[bytes]:
+def start_bridge(server: Server, port: int, log: Path, **more: str) -> Forked:
     """Return the process of a bridge that has just begun, with its words in a file."""
     told = {"GROUNDPLAN_MQTT_URL": f"mqtt://127.0.0.1:{port}", "GROUNDPLAN_PUBLIC_URL": server.url, **more}
     with log.open("ab") as words:
-        return subprocess.Popen(
-            [sys.executable, "-m", "worker.vda5050"],
-            cwd=ROOT,
-            env=environment(server.settings, **told),
-            stdout=words,
-            stderr=words,
-        )
+        return forked("worker.vda5050", env=environment(server.settings, **told), stdout=words, stderr=words)
 
 
 @contextmanager
-def bridging(server: Server, port: int) -> Iterator[subprocess.Popen[bytes]]:
+def bridging(server: Server, port: int) -> Iterator[Forked]:
     """Run a bridge, which has to live until it is told to stop."""
     log = server.settings.data_dir / "vda5050.log"
     process = start_bridge(server, port, log)
@@ -41,7 +33,7 @@ def bridging(server: Server, port: int) -> Iterator[subprocess.Popen[bytes]]:
         yield process
         assert process.poll() is None, log.read_text()
         process.terminate()
-        assert process.wait(timeout=20) == 0, log.read_text()
+        assert process.wait(timeout=PATIENCE_S) == 0, log.read_text()
     finally:
         process.kill()
         process.wait()

@@ -17,7 +17,7 @@ from sqlalchemy import func, select
 
 from service.db.models import Drawing, Job, Revision
 from service.settings import Settings
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, soon
 from tests.server import start
 from tests.worker.conftest import DATABASES, url_of
 from tests.worker.test_worker_crashes import assert_whole
@@ -81,12 +81,13 @@ class Installation:
 
     def finished(self, job: dict[str, Any]) -> None:
         """Wait until the job has succeeded."""
-        until = time.monotonic() + PATIENCE_S
-        while job["state"] != "succeeded":
-            assert job["state"] in {"queued", "running"}, job
-            assert time.monotonic() < until, job
-            time.sleep(0.1)
-            job = self.ask("GET", f"/v1/jobs/{job['id']}")
+
+        def succeeded() -> bool:
+            state = self.ask("GET", f"/v1/jobs/{job['id']}")["state"]
+            assert state in {"queued", "running", "succeeded"}, job
+            return bool(state == "succeeded")
+
+        soon(succeeded, f"{job['id']} never ended")
 
     def close(self) -> None:
         """Stop both."""

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import time
 from pathlib import Path
 from typing import Any
 
@@ -14,6 +13,7 @@ from PIL import Image
 from service.db.jobs import request_cancel
 from service.domain.lifecycle import JobState
 from tests.formats.ifc_models import ModelWriter, Solid, bar
+from tests.patience import soon
 from tests.worker.test_running_jobs import is_alive, running_job_pid
 from tests.worker.workbench import Workbench, a_slow_drawing, a_small_drawing, a_small_scan, children_of
 
@@ -45,20 +45,12 @@ def too_costly(bench: Workbench, job_id: str, *, limit: str, file_name: str) -> 
 
 def kernel_of(job_pid: int) -> int:
     """Return the process that a job has started, once there is one."""
-    end = time.monotonic() + 30
-    while time.monotonic() < end:
-        if found := children_of(job_pid):
-            return found[0]
-        time.sleep(0.005)
-    raise AssertionError("the job started no process")
+    return soon(lambda: children_of(job_pid), "the job started no process")[0]
 
 
 def wait_gone(*pids: int) -> None:
     """Wait until the processes are gone."""
-    end = time.monotonic() + 10
-    while any(is_alive(pid) for pid in pids):
-        assert time.monotonic() < end
-        time.sleep(0.02)
+    soon(lambda: not any(is_alive(pid) for pid in pids), "a process outlives its end")
 
 
 def test_a_drawing_over_its_cpu_ends_at_once(bench: Workbench, tmp_path: Path) -> None:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import os
 import signal
-import subprocess
 import time
 from collections import Counter
 from pathlib import Path
@@ -16,6 +15,8 @@ from sqlalchemy import select
 from service.db.jobs import request_cancel
 from service.db.models import Artifact, Drawing, Job, Revision
 from service.domain.lifecycle import JobState
+from tests.forked import Forked
+from tests.patience import soon
 from tests.worker.workbench import (
     Workbench,
     a_slow_drawing,
@@ -28,24 +29,19 @@ from tests.worker.workbench import (
 pytestmark = pytest.mark.slow
 
 
-def running_job_pid(worker: subprocess.Popen[bytes]) -> int:
+def running_job_pid(worker: Forked) -> int:
     """Return the process that does the worker's job, once there is one."""
-    end = time.monotonic() + 30
-    while time.monotonic() < end:
-        for warm in children_of(worker.pid):
-            if jobs := children_of(warm):
-                return jobs[0]
-        time.sleep(0.005)
-    msg = "no job process appeared"
-    raise AssertionError(msg)
+    return soon(
+        lambda: [job for warm in children_of(worker.pid) for job in children_of(warm)],
+        "no job process appeared",
+    )[0]
 
 
-def wait_idle(worker: subprocess.Popen[bytes]) -> None:
+def wait_idle(worker: Forked) -> None:
     """Wait until the process of the worker's last job is gone."""
-    end = time.monotonic() + 30
-    while any(children_of(warm) for warm in children_of(worker.pid)):
-        assert time.monotonic() < end
-        time.sleep(0.005)
+    soon(
+        lambda: not any(children_of(warm) for warm in children_of(worker.pid)), "the last job's process stays"
+    )
 
 
 def test_a_drawing_becomes_a_revision_and_a_scan_is_placed_on_it(bench: Workbench, tmp_path: Path) -> None:
@@ -218,10 +214,7 @@ def test_no_process_outlives_a_killed_worker(sqlite_bench: Workbench, tmp_path: 
         bench.add_drawing(a_slow_drawing(tmp_path / "plan.png"))
         pids = [running_job_pid(worker), *children_of(worker.pid)]
         kill(worker)
-        end = time.monotonic() + 10
-        while any(is_alive(pid) for pid in pids):
-            assert time.monotonic() < end
-            time.sleep(0.02)
+        soon(lambda: not any(is_alive(pid) for pid in pids), "a process outlives the worker")
 
 
 def is_alive(pid: int) -> bool:

@@ -32,6 +32,7 @@ from service.db.robots import Robot, RobotReport
 from service.settings import Settings
 from service.usecases.proposals import propose
 from tests import files
+from tests.patience import PATIENCE_S
 from tests.server import start
 from tests.service.asking import a_map, a_placement, a_ready_revision
 from tests.service.by_hand import ByHand
@@ -342,7 +343,7 @@ def _resumed(service: Service, request: Request) -> Request:
 
 def _restart_until_obeyed(service: Service) -> None:
     """Start the service until it has died of its order, and once more."""
-    until = time.monotonic() + 60
+    until = time.monotonic() + PATIENCE_S
     while service.order.exists():
         assert time.monotonic() < until
         service.restart()

@@ -12,10 +12,9 @@ from pydantic import SecretStr
 from vda5050.validation import SchemaValidator
 
 from service.settings import Settings
-from tests.patience import PATIENCE_S
+from tests.patience import PATIENCE_S, soon
 from tests.server import Server, running
 from tests.service.asking import refused
-from tests.service.fleets import soon
 from tests.worker.bridges import Plant, bridging, packaged
 from tests.worker.vehicle_messages import MAKER
 from tests.worker.vehicles import (

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import signal
-import subprocess
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -14,10 +13,10 @@ import pytest
 from pydantic import SecretStr
 
 from service.settings import Settings
-from tests.patience import PATIENCE_S
+from tests.forked import Forked
+from tests.patience import PATIENCE_S, soon
 from tests.server import Server, running
 from tests.service.asking import ok
-from tests.service.fleets import soon
 from tests.worker.bridges import Plant, bridging, start_bridge
 from tests.worker.vehicles import Overhearing, PlainVehicle, mosquitto
 
@@ -192,7 +191,7 @@ def test_a_second_bridge_waits_and_goes_on_where_the_first_ended(
     vehicle, overheard = PlainVehicle(broker, f"two-{plant.map_id}"), Overhearing(broker)
     plant.enrol(vehicle.serial_number)
     logs = [served.settings.data_dir / f"bridge-{k}.log" for k in (1, 2)]
-    bridges: list[subprocess.Popen[bytes]] = []
+    bridges: list[Forked] = []
     try:
         for log, sign in zip(logs, ("connected to the broker", "this one waits"), strict=True):
             bridges.append(start_bridge(served, broker, log, GROUNDPLAN_LEASE_S="3", GROUNDPLAN_BEAT_S="0.5"))
@@ -203,7 +202,7 @@ def test_a_second_bridge_waits_and_goes_on_where_the_first_ended(
         assert "connected" not in logs[1].read_text()
         assert logs[0].read_text().count("connected to the broker") == 1, "neither throws the other out"
         bridges[0].send_signal(sig)
-        bridges[0].wait(timeout=20)
+        bridges[0].wait(timeout=PATIENCE_S)
         plant.publish(2)
         plant.until(vehicle.serial_number, enabled_revision=2)
         assert "connected to the broker" in logs[1].read_text()

@@ -17,6 +17,7 @@ import pytest
 from pydantic import SecretStr
 
 from service.settings import Settings
+from tests.patience import soon
 from tests.server import Server, running
 from tests.service.asking import ok
 from tests.worker.bridges import Plant, bridging
@@ -128,10 +129,11 @@ def _served_after(plant: Plant, vehicle: PlainVehicle, n: int) -> float:
     """Return how long it took until a vehicle runs a revision, by its own word and by the service's."""
     begun = time.monotonic()
     plant.until(vehicle.serial_number, patience_s=SERVED_S, enabled_revision=n)
-    until = time.monotonic() + SERVED_S
-    while vehicle.maps().get(str(n)) != "ENABLED":
-        assert time.monotonic() < until, json.dumps(vehicle.state())[:500]
-        time.sleep(0.05)
+    soon(
+        lambda: vehicle.maps().get(str(n)) == "ENABLED",
+        lambda: json.dumps(vehicle.state())[:500],
+        patience_s=SERVED_S,
+    )
     return time.monotonic() - begun
 
 

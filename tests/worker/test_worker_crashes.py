@@ -18,6 +18,7 @@ from service.db.comparisons import Comparison
 from service.db.deltas import Delta
 from service.db.models import Artifact, Blob, Drawing, Job, Placement, Revision, Scan
 from service.domain.lifecycle import JobState
+from tests.patience import PATIENCE_S
 from tests.worker.workbench import Workbench, a_slow_drawing, a_small_drawing, a_small_scan, children_of, kill
 
 pytestmark = [pytest.mark.slow, pytest.mark.timeout(900)]
@@ -112,14 +113,14 @@ class Story:
         while not (self.bench.has_crashed and JobState(self.bench.job(job_id).state).is_final):
             if self.worker.poll() is not None:
                 died, self.worker = "worker", self.bench.start_worker(**self.settings)
-            assert time.monotonic() - begun < 90, (
+            assert time.monotonic() - begun < PATIENCE_S, (
                 point,
                 self.bench.job(job_id).state,
                 self.bench.log()[-3000:],
             )
             time.sleep(0.05)
         if point in PARENTS and died != "worker":
-            self.worker.wait(10)
+            self.worker.wait(PATIENCE_S)
             died, self.worker = "worker", self.bench.start_worker(**self.settings)
         job = self.bench.job(job_id)
         return Outcome(point, died, job.state, job.attempt, time.monotonic() - begun)

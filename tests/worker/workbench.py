@@ -5,9 +5,6 @@ from __future__ import annotations
 import os
 import random
 import signal
-import subprocess
-import sys
-import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -31,7 +28,8 @@ from service.usecases.compare import compare
 from service.usecases.deltas import ask_for_delta
 from service.usecases.kernel import Kernel
 from service.usecases.rebuild import rebuild
-from tests.patience import PATIENCE_S
+from tests.forked import Forked, forked
+from tests.patience import PATIENCE_S, soon
 from tests.schemas import bring_to_head
 from worker.formats.pcd import write_pcd
 from worker.geometry.cloud.point_cloud import PointCloud
@@ -291,21 +289,22 @@ class Workbench:
 
     def wait(self, job_id: str, until: Callable[[Job], bool], *, patience_s: float = PATIENCE_S) -> Job:
         """Return the job once `until` holds; fail when it never does."""
-        end = time.monotonic() + patience_s
-        while True:
+
+        def told() -> str:
             job = self.job(job_id)
-            if until(job):
-                return job
-            if time.monotonic() > end:
-                message = f"{job.kind} {job.state} attempt {job.attempt} {job.stage} {job.problem}"
-                raise AssertionError(message)
-            time.sleep(0.02)
+            return f"{job.kind} {job.state} attempt {job.attempt} {job.stage} {job.problem}"
+
+        def held() -> Job | None:
+            job = self.job(job_id)
+            return job if until(job) else None
+
+        return soon(held, told, patience_s=patience_s)
 
     def wait_final(self, job_id: str, *, patience_s: float = PATIENCE_S) -> Job:
         """Return the job once it has ended."""
         return self.wait(job_id, lambda j: JobState(j.state).is_final, patience_s=patience_s)
 
-    def start_worker(self, **settings: str) -> subprocess.Popen[bytes]:
+    def start_worker(self, **settings: str) -> Forked:
         """Return a real worker process; `settings` are GROUNDPLAN_ variables in lower case."""
         given = {f"GROUNDPLAN_{name.upper()}": value for name, value in settings.items()}
         environment = {
@@ -317,10 +316,10 @@ class Workbench:
         }
         log = (self.data_dir / "worker.log").open("ab")
         with log:
-            return subprocess.Popen([sys.executable, "-m", "worker"], env=environment, stderr=log, stdout=log)
+            return forked("worker", env=environment, stderr=log, stdout=log)
 
     @contextmanager
-    def worker(self, **settings: str) -> Iterator[subprocess.Popen[bytes]]:
+    def worker(self, **settings: str) -> Iterator[Forked]:
         """Give a running worker that is killed at the end."""
         process = self.start_worker(**settings)
         try:
@@ -337,7 +336,7 @@ class Workbench:
         self.kernel.db.close()
 
 
-def kill(process: subprocess.Popen[bytes]) -> None:
+def kill(process: Forked) -> None:
     """Kill -9, wherever the process stands."""
     if process.poll() is None:
         process.send_signal(signal.SIGKILL)
