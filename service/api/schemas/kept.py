@@ -137,7 +137,7 @@ def _member(field: Field[Any], hint: Any, meaning: str | None, *, nullable: bool
         read = WrapValidator(_or(lambda: _ABSENT))
         absent = pydantic.Field(default_factory=lambda: _ABSENT, exclude_if=_is_absent, description=meaning)
         return Annotated[form, read], absent
-    value = pydantic.TypeAdapter(form).validate_python(as_json(default))
+    value = _model_of(type(default)).model_validate(as_json(default)) if is_dataclass(default) else default
     return Annotated[form, WrapValidator(_or(lambda: value))], pydantic.Field(value, description=meaning)
 
 
