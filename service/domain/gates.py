@@ -74,5 +74,5 @@ def closed_gates(
 
 def _not_accepted(layer: JudgedLayer) -> Gate:
     told = f"The placement of the layer {layer.name!r} has the verdict {layer.verdict!r}"
-    first = [str(reason["detail"]) for reason in layer.reasons[:1]]
+    first = [str(reason.get("detail", "")) for reason in layer.reasons[:1]]
     return Gate("placement-not-accepted", layer.layer_id, ": ".join([told, *first]), layer.reasons)

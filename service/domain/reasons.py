@@ -42,9 +42,9 @@ class Reason(Measured):
     @classmethod
     def upgraded(cls, value: Any) -> Any:
         """Return a stored reason; earlier versions told a sentence alone."""
-        if isinstance(value, str):
-            return {"code": code_of(value), "values": {}, "where": None, "detail": value}
-        return value
+        if isinstance(value, Mapping):
+            return value
+        return {"code": code_of(str(value)), "values": {}, "where": None, "detail": str(value)}
 
 
 def code_of(sentence: str) -> str:

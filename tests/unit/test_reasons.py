@@ -103,11 +103,12 @@ def test_the_names_of_values_have_no_other_unit_than_si() -> None:
 
 def test_sentences_of_earlier_versions_are_reasons() -> None:
     sentence = "Only 2 of 7 starts ended at this pose."
-    rows = [sentence, "The walls are purple.", {"code": "astray", "detail": "There."}]
+    rows = [sentence, "The walls are purple.", {"code": "astray", "detail": "There."}, 7]
     assert kept_reasons(rows) == [
         {"code": "starts-disagree", "values": {}, "where": None, "detail": sentence},
         {"code": UNSPECIFIED, "values": {}, "where": None, "detail": "The walls are purple."},
         {"code": "astray", "detail": "There."},
+        {"code": UNSPECIFIED, "values": {}, "where": None, "detail": "7"},
     ]
     assert kept_reasons(None) == []
     assert Reason("astray", detail="There.").to_json() == {
