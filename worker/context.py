@@ -9,16 +9,18 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
+from typing import Any, cast
 
 import numpy as np
 
 from service import crash_points
 from service.db.jobs import Attempt
-from service.db.models import Revision, Scan
+from service.db.models import Layer, Placement, Revision, Scan
 from service.db.revisions import visible_layers
+from service.domain.acceptance_table import Verdict
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError
+from service.domain.evidence import PlacementEvidence
 from service.domain.job_limits import JobLimits
 from service.domain.layer_part import OUTLIER, TARGET, WHOLE, LayerPart
 from service.domain.map_state import ErasedRegion
@@ -26,6 +28,8 @@ from service.domain.media import HEAD_BYTES
 from service.domain.outbound import Network
 from service.domain.plain import plain_text
 from service.domain.reading_cost import Promise, ReadingLimits
+from service.domain.reasons import Reason, kept_reasons
+from service.domain.report import BuiltLayer, LayerInput
 from service.domain.scan_options import ScanOptions
 from service.domain.transform import Transform
 from service.usecases.kernel import Kernel
@@ -97,6 +101,8 @@ class LayerSource:
         `T_map_scan` as the placement found it: the layer's part is told in the map as it was seen then.
     T_map_scan : Transform
         Where the layer lies now.
+    told : BuiltLayer
+        How it was judged, and who took it in.
     erased : sequence of ErasedRegion
         Regions that take points off this layer.
     """
@@ -108,21 +114,22 @@ class LayerSource:
     T_map_scan: Transform
     labels_sha256: str | None
     part: LayerPart
+    told: BuiltLayer
     erased: Sequence[ErasedRegion] = ()
 
-    def to_json(self) -> dict[str, Any]:
-        """Return the source as a JSON object, for a report."""
-        return {
-            "layer_id": self.layer_id,
-            "name": self.name,
-            "scan_id": self.scan.id,
-            "scan_sha256": self.scan.sha256,
-            "scan_options": self.scan.options.to_json(),
-            "placed": self.placed.tolist(),
-            "T_map_scan": self.T_map_scan.tolist(),
-            "labels_sha256": self.labels_sha256,
-            "part": self.part.to_json(),
-        }
+    def input(self) -> LayerInput:
+        """Return the source as a report tells it."""
+        return LayerInput(
+            layer_id=self.layer_id,
+            name=self.name,
+            scan_id=self.scan.id,
+            scan_sha256=self.scan.sha256,
+            scan_options=self.scan.options,
+            placed=self.placed,
+            T_map_scan=self.T_map_scan,
+            labels_sha256=self.labels_sha256,
+            part=self.part,
+        )
 
 
 @dataclass
@@ -219,6 +226,7 @@ class JobContext:
                 T_map_scan=Transform(np.array(layer.T_map_scan or placement.T_map_scan)),
                 labels_sha256=placement.labels_sha256,
                 part=WHOLE if layer.part is None else LayerPart.from_json(layer.part),
+                told=_told(layer, placement),
                 erased=[one for one in erased if layer.layer_id in one.layers],
             )
             for layer, scan, placement in rows
@@ -257,7 +265,22 @@ class JobContext:
             then = Transform.of(one.layers[source.layer_id])
             held &= ~within(one.region, then.apply(scan))
         points = source.T_map_scan.apply(scan[held])
-        return PlacedLayer(source.name, PointCloud.of(points, Label.LAYER))
+        return PlacedLayer(source.name, PointCloud.of(points, Label.LAYER), source.told)
+
+
+def _told(layer: Layer, placement: Placement) -> BuiltLayer:
+    evidence = None if placement.evidence is None else PlacementEvidence.of_row(placement.evidence)
+    return replace(
+        BuiltLayer.unjudged(layer.name),
+        layer_id=layer.layer_id,
+        placement_id=placement.id,
+        verdict=cast("Verdict | None", placement.verdict),
+        reasons=[Reason.of_row(one) for one in kept_reasons(placement.reasons)],
+        evidence=evidence,
+        covariance=None if evidence is None else evidence.covariance,
+        accepted_by=layer.accepted_by,
+        accepted_at=None if layer.accepted_at is None else layer.accepted_at.isoformat(),
+    )
 
 
 def _last_part(file_name: str) -> str:

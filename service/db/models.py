@@ -191,9 +191,10 @@ class Placement(Base):
 class Revision(Base):
     """An immutable numbered state of a map: a recipe, a drawing's reading, ordered layers, erased regions.
 
-    The reading is held by its walls and its scale: a drawing that is read anew changes no revision.
-    `parent_n` is what the operations were applied to, `base_n` what the person who asked had before the
-    eyes. `artifacts_sha256` is the digest of all files together; `pruned_at` tells when they were let go.
+    The reading is held by its walls, its scale and where its frame lies in the file: a drawing that is read
+    anew changes no revision. `parent_n` is what the operations were applied to, `base_n` what the person who
+    asked had before the eyes. `artifacts_sha256` is the digest of all files together; `pruned_at` tells when
+    they were let go.
     """
 
     __tablename__ = "revisions"
@@ -229,12 +230,14 @@ class Revision(Base):
     software_version: Mapped[str | None] = mapped_column(String(40))
     artifacts_sha256: Mapped[str | None] = mapped_column(Sha256)
     pruned_at: Mapped[datetime | None]
+    drawing_frame: Mapped[dict[str, Any] | None]
 
 
 class Layer(Base):
     """A placed scan in a revision, in the order in which it is compounded; `part` null is all of it.
 
     `layer_id` stays the same from revision to revision; `T_map_scan` null is where the placement has it.
+    `accepted_by` is the key that took the placement into the map, whoever made this revision.
     """
 
     __tablename__ = "layers"
@@ -253,6 +256,8 @@ class Layer(Base):
     part: Mapped[dict[str, Any] | None]
     visible: Mapped[bool] = mapped_column(default=True, server_default=true())
     T_map_scan: Mapped[list[Any] | None] = mapped_column("t_map_scan", Json)
+    accepted_by: Mapped[str | None] = mapped_column(ForeignKey("keys.id"))
+    accepted_at: Mapped[datetime | None]
 
 
 class Artifact(Base):

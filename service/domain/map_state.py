@@ -4,9 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from datetime import datetime
 from typing import Any, Self
 
+from service.domain.drawing_frame import DrawingFrame
 from service.domain.recipe import Recipe
 from service.domain.region import Region
 from service.domain.transform import Transform
@@ -26,6 +28,15 @@ class BaseReading:
     drawing_id: str
     walls_sha256: str
     scale: dict[str, Any]
+    frame: DrawingFrame | None = field(default=None, compare=False)
+
+
+@dataclass(frozen=True)
+class Taken:
+    """Hold who took a placement into the map, by the id of a key, and when."""
+
+    by: str
+    at: datetime
 
 
 @dataclass(frozen=True)
@@ -40,6 +51,8 @@ class LayerState:
         Which of the scan's points it holds, as `LayerPart.to_json` gives it; None is all of them.
     T_map_scan : Pose
         Where the scan lies now; where it was placed is its placement's own.
+    taken : Taken or None
+        Who took the placement in; None until a revision holds it. It makes no difference of states.
     """
 
     layer_id: str
@@ -49,6 +62,7 @@ class LayerState:
     part: dict[str, Any] | None
     T_map_scan: Pose
     visible: bool = True
+    taken: Taken | None = field(default=None, compare=False)
 
 
 @dataclass(frozen=True)

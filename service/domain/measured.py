@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import fields, is_dataclass
-from typing import Any
+from typing import Any, Self
 
 
 class Measured:
@@ -23,6 +23,13 @@ class Measured:
     def upgraded(cls, value: Any) -> Any:
         """Return what an earlier version wrote, an object or a text, as this one would have."""
         return value
+
+    @classmethod
+    def of_row(cls, value: Mapping[str, Any]) -> Self:
+        """Return what a row of any version holds, to be written again: its members are JSON as they are."""
+        told = cls.upgraded(value)
+        names = (field.name for field in fields(cls))  # type: ignore[arg-type]  # those that derive are dataclasses
+        return cls(**{name: told.get(name) for name in names})
 
 
 def as_json(value: Any) -> Any:

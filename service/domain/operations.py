@@ -121,6 +121,7 @@ class ReplaceLayer:
             part=self.part,
             T_map_scan=self.T_map_scan,
             name=self.name or old.name,
+            taken=None,
         )
 
     def done(self) -> DoneOperation:

@@ -9,8 +9,9 @@ from service.db.models import Layer, Placement, Revision
 from service.db.placements import find_placements
 from service.db.session import Session
 from service.db.uploads import find_drawing
+from service.domain.drawing_frame import DrawingFrame
 from service.domain.errors import DrawingNotFound, DrawingNotRead, ScaleUnknown
-from service.domain.map_state import BaseReading, ErasedRegion, LayerState, MapState, pose_of
+from service.domain.map_state import BaseReading, ErasedRegion, LayerState, MapState, Taken, pose_of
 from service.domain.recipe import Recipe
 from service.usecases.kernel import Kernel
 
@@ -20,7 +21,12 @@ def state_of(session: Session, revision: Revision) -> MapState:
     rows = table.layers_of(session, [revision.id])[revision.id]
     unmoved = find_placements(session, [row.placement_id for row in rows if row.T_map_scan is None])
     return MapState(
-        reading=BaseReading(revision.drawing_id, revision.walls_sha256, revision.scale),
+        reading=BaseReading(
+            revision.drawing_id,
+            revision.walls_sha256,
+            revision.scale,
+            DrawingFrame.of_reading(revision.drawing_frame),
+        ),
         recipe=Recipe.from_json(revision.recipe),
         layers=tuple(_layer_state(row, unmoved.get(row.placement_id)) for row in rows),
         erased=erased_of(revision),
@@ -32,8 +38,11 @@ def erased_of(revision: Revision) -> tuple[ErasedRegion, ...]:
     return tuple(ErasedRegion.from_json(one) for one in revision.erased or ())
 
 
-def layer_rows(kernel: Kernel, revision_id: str, state: MapState) -> list[Layer]:
-    """Return the rows of a state's layers, to be added with their revision."""
+def layer_rows(kernel: Kernel, revision_id: str, state: MapState, *, made: Taken) -> list[Layer]:
+    """Return the rows of a state's layers, to be added with their revision.
+
+    A layer that no revision held before was taken in by whoever makes this one.
+    """
     return [
         Layer(
             id=kernel.new_id("lay"),
@@ -46,6 +55,8 @@ def layer_rows(kernel: Kernel, revision_id: str, state: MapState) -> list[Layer]
             part=layer.part,
             visible=layer.visible,
             T_map_scan=[list(row) for row in layer.T_map_scan],
+            accepted_by=(layer.taken or made).by,
+            accepted_at=(layer.taken or made).at,
         )
         for position, layer in enumerate(state.layers)
     ]
@@ -76,7 +87,8 @@ def reading_of(session: Session, map_id: str, drawing_id: str) -> BaseReading:
         raise ScaleUnknown(
             f"The scale of drawing {drawing_id} is not known; give it by PATCH /v1/drawings/{drawing_id}."
         )
-    return BaseReading(drawing_id, drawing.walls_sha256, scale)
+    frame = DrawingFrame.of_reading(drawing.reading)
+    return BaseReading(drawing_id, drawing.walls_sha256, scale, frame)
 
 
 def _layer_state(row: Layer, placement: Placement | None) -> LayerState:
@@ -92,4 +104,7 @@ def _layer_state(row: Layer, placement: Placement | None) -> LayerState:
         part=row.part,
         T_map_scan=pose_of(rows),
         visible=row.visible,
+        taken=None
+        if row.accepted_by is None or row.accepted_at is None
+        else Taken(row.accepted_by, row.accepted_at),
     )

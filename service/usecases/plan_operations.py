@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 from service.db.models import Placement
@@ -164,9 +164,7 @@ def _all_layers(
 def _continued(new: LayerState, earlier: Sequence[LayerState]) -> LayerState:
     same = next((x for x in earlier if x.placement_id == new.placement_id), None)
     if same is not None:
-        return LayerState(
-            same.layer_id, new.name, new.scan_id, new.placement_id, new.part, same.T_map_scan, same.visible
-        )
+        return replace(same, name=new.name, part=new.part)
     of_scan = next((x for x in earlier if x.scan_id == new.scan_id), None)
     layer_id = new.layer_id if of_scan is None else of_scan.layer_id
     return LayerState(layer_id, new.name, new.scan_id, new.placement_id, new.part, new.T_map_scan)

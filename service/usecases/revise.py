@@ -14,7 +14,7 @@ from service.db.session import Session
 from service.domain.access import Actor
 from service.domain.errors import InvalidRequest, RevisionNotFound, StaleBase
 from service.domain.lifecycle import JobKind, ProposalState, RevisionStatus, Role
-from service.domain.map_state import Difference, MapState, differences
+from service.domain.map_state import Difference, MapState, Taken, differences
 from service.domain.operations import Operation, SetRecipe, apply_all, effective
 from service.domain.recipe import Recipe
 from service.domain.together import overlap, put_together
@@ -254,6 +254,7 @@ def _add(kernel: Kernel, session: Session, actor: Actor, made: _Made, *, rebased
         drawing_id=state.reading.drawing_id,
         walls_sha256=state.reading.walls_sha256,
         scale=state.reading.scale,
+        drawing_frame=None if state.reading.frame is None else state.reading.frame.to_json(),
         erased=[one.to_json() for one in state.erased],
         operations=history(made.operations),
         reason=made.reason,
@@ -261,7 +262,7 @@ def _add(kernel: Kernel, session: Session, actor: Actor, made: _Made, *, rebased
         created_at=now,
         created_by=actor.key_id,
     )
-    rows = layer_rows(kernel, revision_id, state)
+    rows = layer_rows(kernel, revision_id, state, made=Taken(actor.key_id, now))
     table.add_revision(session, revision, rows)
     after = {"n": revision.n, "parent_n": made.parent_n, "operations": revision.operations}
     record(

@@ -37,8 +37,8 @@ WITHOUT_UNIT = {
         "attempt closed_directions columns count dust edits edits_applied failure_limit failures "
         "iterations keep_revisions limit looked_through max_pixels max_points "
         "max_requests_per_key_per_minute max_streams_per_key occupied_cells outliers points "
-        "points_added points_compared points_kept points_removed poses_compared robots specks starts "
-        "starts_agreeing still_seen taken tiles_unchanged unchanged unknown_cells upright_surfaces "
+        "points_added points_compared points_given points_kept points_removed poses_compared robots specks "
+        "starts starts_agreeing still_seen taken tiles_unchanged unchanged unknown_cells upright_surfaces "
         "walls"
     ),
     "the number of a thing": (
@@ -53,7 +53,7 @@ WITHOUT_UNIT = {
     ),
     "an instant of Unix": ("expires"),
     "several units in one, told where it is described": (
-        "T_map_scan T_upright_scan covariance information_eigenvalues value"
+        "T_map_drawing T_map_scan T_upright_scan covariance information_eigenvalues placed value"
     ),
     "pixels or drawing units, as the drawing has them": ("line within x1 x2 y1 y2"),
     "in the `unit` of its reading: metres, or pixels or drawing units while the scale is unknown": (

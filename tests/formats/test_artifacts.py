@@ -93,7 +93,9 @@ def test_the_report_counts_what_the_cloud_holds(tmp_path: Path) -> None:
     assert report["counts"]["points"] == len(cloud)
     assert report["inputs"] == {"drawing": {"sha256": "0" * 64}}
     assert Recipe.from_json(report["recipe"]).map_from_drawing == MapFromDrawing(1.0, 2.0, 0.3)
-    assert report["layers"] == [{"name": "press", "points_given": 4000}]
+    (press,) = report["layers"]
+    assert (press["name"], press["points_given"], press["verdict"]) == ("press", 4000, None)
+    assert (report["drawing_origin"], report["T_map_drawing"]) == (None, None)
     assert report["findings"][0]["code"] == "guessed"
 
 

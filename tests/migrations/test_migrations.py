@@ -178,6 +178,30 @@ def test_an_earlier_schema_with_rows_comes_to_the_newest_and_back_in_one_go(
         _whole(engine)
 
 
+def test_who_took_a_layer_in_and_where_its_drawing_lies_are_found_in_earlier_rows(engine: Engine) -> None:
+    schema.upgrade(engine, to="0018")
+    rows = fill(engine)
+    revisions = sorted(rows["revisions"], key=lambda row: row["n"])
+    frame = {"drawing_origin": [51_234.0, -8.5], "drawing_top": None}
+    tables = reflected(engine).tables
+    with engine.begin() as connection:
+        same = {"layer_id": "lyr_1", "placement_id": rows["placements"][0]["id"]}
+        connection.execute(tables["layers"].update().values(same))
+        at = {"map_id": rows["maps"][0]["id"], "drawing_id": rows["drawings"][0]["id"]}
+        connection.execute(tables["revisions"].update().values(at))
+        reading = {"reading": {**frame, "unit": "m"}, "walls_sha256": revisions[1]["walls_sha256"]}
+        connection.execute(
+            tables["drawings"].update().where(tables["drawings"].c.id == at["drawing_id"]).values(reading)
+        )
+    schema.upgrade(engine, to="0019")
+    after = read(engine)
+    first = revisions[0]
+    assert {row["accepted_by"] for row in after["layers"]} == {first["created_by"]}
+    assert {row["accepted_at"] for row in after["layers"]} == {first["created_at"]}
+    found = {row["id"]: row["drawing_frame"] for row in after["revisions"]}
+    assert found == {row["id"]: frame if row is revisions[1] else None for row in revisions}
+
+
 def test_what_a_step_down_loses_is_listed(engine: Engine) -> None:
     listed = dict(re.findall(r"^\| (\d{4}) -> \d{4} \| (.+) \|$", OPERATIONS.read_text(), re.MULTILINE))
     schema.upgrade(engine)

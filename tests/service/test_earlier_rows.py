@@ -12,6 +12,7 @@ from service.db.models import Drawing, Placement, Publication, Revision, Scan
 from service.db.proposals import Proposal
 from service.domain.evidence import PlacementEvidence
 from service.domain.recipe import Recipe
+from service.domain.report import BuiltLayer
 from tests.service.asking import a_map, a_placement, a_ready_revision, ok, refused
 from tests.service.by_hand import IDENTITY, ByHand
 
@@ -213,3 +214,40 @@ def test_reasons_of_any_version_are_shown(admin: httpx.Client, by_hand: ByHand) 
     )
     (move,) = ok(admin.get(f"/v1/maps/{map_id}/publications"))["items"]
     assert move["overridden"] == [{**gate, "reasons": []}]
+
+
+FIRST_REPORT = {
+    "frame": "map",
+    "inputs": {
+        "drawing": {"id": "drw_1", "sha256": "a" * 64, "walls_sha256": "b" * 64},
+        "scale": SCALE_IN_PIXELS,
+        "layers": [{"name": "press", "scan_id": "scn_1"}],
+    },
+    "recipe": {"voxel_size_m": 0.2},
+    "counts": {"points": 9, "points_by_label": {"wall": 9}, "walls": 4, "columns": 0, "wall_length_m": 60.0},
+    "layers": [{"name": "press", "points_given": 4000}],
+    "extent_m": {"min": [0.0, 0.0, 0.0], "max": [20.0, 10.0, 2.5]},
+    "findings": [{**FIRST_FINDING, "files": ["octree.json"]}],
+}
+
+
+def test_reports_of_any_version_are_shown(admin: httpx.Client, by_hand: ByHand) -> None:
+    map_id = a_map(admin)
+    where = f"/v1/maps/{map_id}/revisions/{a_ready_revision(admin, by_hand, map_id)}"
+    with by_hand.kernel.db.reading() as session:
+        (key,) = (row.id for row in session.query(Revision).filter_by(map_id=map_id))
+    rewrite(by_hand, Revision, key, {"report": FIRST_REPORT, "drawing_frame": None})
+    report = ok(admin.get(where))["report"]
+    assert report["counts"] == FIRST_REPORT["counts"]
+    assert report["extent_m"] == FIRST_REPORT["extent_m"]
+    assert (report["drawing_origin"], report["T_map_drawing"]) == (None, None)
+    assert report["inputs"]["drawing"] == FIRST_REPORT["inputs"]["drawing"]  # type: ignore[index]
+    assert report["inputs"]["scale"] == {"state": "given", "metres_per_unit": 0.02}
+    assert report["inputs"]["layers"][0]["scan_id"] == "scn_1"
+    (layer,) = report["layers"]
+    unknown = BuiltLayer.__dataclass_fields__.keys() - {"name", "points_given"}
+    assert layer == {"name": "press", "points_given": 4000, **dict.fromkeys(unknown)}
+    assert report["findings"] == [{**PLAIN, "values": {"files": ["octree.json"]}}]
+    for odd in ({"points": 1}, {"layers": 3, "inputs": []}, {}):
+        rewrite(by_hand, Revision, key, {"report": odd})
+        assert set(ok(admin.get(where))["report"].values()) == {None}

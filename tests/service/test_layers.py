@@ -218,3 +218,31 @@ def test_a_placement_that_needed_a_review_closes_a_gate(admin: httpx.Client, by_
         (None, n, False),
     ]
     assert [c["name"] for c in ok(admin.get(f"/v1/maps/{map_id}/channels"))["channels"]] == ["stable"]
+
+
+def test_a_layer_tells_who_took_it_in_whoever_changes_the_map_later(
+    admin: httpx.Client, by_hand: ByHand, client_for: ClientFor
+) -> None:
+    map_id = a_map(admin)
+    a_ready_revision(admin, by_hand, map_id)
+    tablet = client_for("tablet", [map_id])
+    made = ok(tablet.post(f"/v1/placements/{a_placement(admin, by_hand, map_id)}/accept"), 202)["revision"]
+    by_hand.build(made["job_id"])
+    (layer,) = layers(admin, map_id, made["n"])
+    who = (layer["accepted_by"], layer["accepted_at"])
+    assert who == (made["created_by"], made["created_at"])
+    renamed = {"op": "rename-layer", "layer_id": layer["layer_id"], "name": "press"}
+    later = ok(revise(admin, map_id, 2, renamed), 202)["revision"]
+    by_hand.build(later["job_id"])
+    (kept,) = later["layers"]
+    assert later["created_by"] != made["created_by"]
+    assert (kept["name"], kept["accepted_by"], kept["accepted_at"]) == ("press", *who)
+    form = [{"placement_id": layer["placement_id"], "name": "as it was"}]
+    same = ok(admin.post(f"/v1/maps/{map_id}/revisions", json={"base": 3, "layers": form}), 202)["revision"]
+    by_hand.build(same["job_id"])
+    assert same["layers"][0]["accepted_by"] == who[0]
+    other = a_placement(admin, by_hand, map_id)
+    swapped = {"op": "replace-layer", "layer_id": layer["layer_id"], "placement_id": other}
+    new = ok(revise(admin, map_id, 4, swapped), 202)["revision"]
+    told = new["layers"][0]
+    assert (told["accepted_by"], told["accepted_at"]) == (new["created_by"], new["created_at"])

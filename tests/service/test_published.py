@@ -6,6 +6,7 @@ import threading
 
 import httpx
 
+from service.domain.findings import Finding
 from tests.server import ClientFor, Server, new_client
 from tests.service.asking import a_map, a_ready_revision, ok, refused
 from tests.service.by_hand import ByHand
@@ -121,7 +122,8 @@ def test_one_of_several_moves_wins_on_sqlite(server: Server) -> None:
 def test_a_revision_without_its_picture_is_published_and_tells_of_it(
     admin: httpx.Client, by_hand: ByHand, client_for: ClientFor
 ) -> None:
-    map_id, told = a_map(admin), {"code": "file-not-made", "files": ["preview.png"]}
+    map_id, values = a_map(admin), {"files": ["preview.png"]}
+    told = Finding("file-not-made", "warning", "It could not be made.", values).to_json()
     made = ok(admin.post(f"/v1/maps/{map_id}/revisions", json={"drawing_id": by_hand.drawing(map_id)}), 202)
     by_hand.build(made["job"]["id"], without={"preview.png": told})
     where = f"/v1/maps/{map_id}/revisions/1"

@@ -101,20 +101,22 @@ def _read(args: argparse.Namespace, options: DrawingOptions, work: Path) -> tupl
 def _build(
     args: argparse.Namespace, options: DrawingOptions, reading: Reading, recipe: Recipe, work: Path
 ) -> dict[str, Any]:
-    from worker.formats.artifacts import write_artifacts  # noqa: PLC0415 - as above
+    from service.domain.drawing_frame import DrawingFrame  # noqa: PLC0415 - as above
+    from service.domain.report import BuildInputs, DrawingInput  # noqa: PLC0415
+    from worker.formats.artifacts import write_artifacts  # noqa: PLC0415
 
     with args.drawing.open("rb") as file:
         digest = hashlib.file_digest(file, "sha256").hexdigest()
-    inputs = {
-        "drawing": {"sha256": digest, "name": args.drawing.name, "options": options.to_json()},
-        "scale": reading.scale.told().to_json(),
-    }
+    x, y = (round(v, 4) for v in reading.origin)
+    top = None if reading.top is None else round(reading.top, 4)
+    named = DrawingInput(digest, name=args.drawing.name, options=options)
     write_artifacts(
         work,
         walls=reading.walls,
         columns=reading.columns,
         recipe=recipe,
-        inputs=inputs,
+        inputs=BuildInputs(named, reading.scale.told()),
+        drawing=DrawingFrame((x, y), top),
         findings=reading.findings,
         progress=_progress,
     )

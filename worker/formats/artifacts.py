@@ -3,16 +3,16 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 from pathlib import Path
-from typing import Any
-
-import numpy as np
 
 from service.domain.bounds import Bounds
+from service.domain.drawing_frame import DrawingFrame
 from service.domain.errors import NoWallsFound
 from service.domain.findings import Finding
 from service.domain.recipe import Recipe
 from service.domain.region import Region
+from service.domain.report import BuildInputs, BuildReport, BuiltLayer, MapCounts
 from worker.formats.for_people import write_picture, write_what_can_be
 from worker.formats.occupancy import write_occupancy
 from worker.formats.octree import write_octree
@@ -23,7 +23,7 @@ from worker.formats.tiles import in_tile_order, write_autoware, write_tiles
 from worker.geometry.cloud.erase import cut_columns, cut_walls, from_floor_to_top
 from worker.geometry.cloud.merge import PlacedLayer, compound, map_transform, place_columns, place_walls
 from worker.geometry.cloud.occupancy_grid import OccupancyGrid, occupancy_grid
-from worker.geometry.cloud.point_cloud import Label, PointCloud
+from worker.geometry.cloud.point_cloud import Label, PointCloud, extent_of
 from worker.geometry.drawing.reading.reading import Column, Wall
 
 Progress = Callable[[str, float], None]
@@ -34,7 +34,8 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
     *,
     walls: Sequence[Wall],
     recipe: Recipe,
-    inputs: dict[str, Any],
+    inputs: BuildInputs,
+    drawing: DrawingFrame | None = None,
     columns: Sequence[Column] = (),
     layers: Sequence[PlacedLayer] = (),
     erased: Sequence[Region] = (),
@@ -52,8 +53,10 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
         In frame `drawing`; `recipe.map_from_drawing` takes them to frame `map`.
     recipe : Recipe
         How the cloud is built.
-    inputs : dict
-        What the build started from (file names, sha256, scale), for ``report.json``.
+    inputs : BuildInputs
+        What the build started from, for ``report.json``.
+    drawing : DrawingFrame, optional
+        Where frame `drawing` lies in the file, for ``report.json``.
     layers : sequence of PlacedLayer
         In frame `map`.
     erased : sequence of Region
@@ -111,9 +114,19 @@ def write_artifacts(  # noqa: PLR0913 - a revision has this many inputs
             ("preview.png",): lambda: write_picture(directory / "preview.png", walls, columns, cloud),
         },
     )
-    findings = [*findings, *not_made]
     paths += [*shown, directory / "report.json"]
-    write_json(paths[-1], _report(cloud, walls, columns, layers, recipe, inputs, findings), indent=2)
+    report = BuildReport(
+        frame="map",
+        inputs=inputs,
+        recipe=recipe,
+        drawing_origin=None if drawing is None else drawing.origin,
+        T_map_drawing=None if drawing is None else drawing.T_map_drawing(recipe),
+        counts=_counts(cloud, walls, columns),
+        layers=_layers(layers),
+        extent_m=extent_of(cloud),
+        findings=[*findings, *not_made],
+    )
+    write_json(paths[-1], report.to_json(), indent=2)
     tell("done", 1.0)
     return paths
 
@@ -138,30 +151,18 @@ def _for_robots(
     return [*files, manifest, package, *(write_coded(file) for file in (pcd, image, geojson))]
 
 
-def _report(
-    cloud: PointCloud,
-    walls: Sequence[Wall],
-    columns: Sequence[Column],
-    layers: Sequence[PlacedLayer],
-    recipe: Recipe,
-    inputs: dict[str, Any],
-    findings: Sequence[Finding],
-) -> dict[str, Any]:
-    low, high = cloud.points.min(axis=0), cloud.points.max(axis=0)
-    return {
-        "frame": "map",
-        "inputs": inputs,
-        "recipe": recipe.to_json(),
-        "counts": {
-            "points": len(cloud),
-            "points_by_label": {
-                label.name.lower(): int((cloud.labels == label).sum()) for label in Label if label
-            },
-            "walls": len(walls),
-            "columns": len(columns),
-            "wall_length_m": round(sum(w.length for w in walls), 2),
-        },
-        "layers": [{"name": x.name, "points_given": len(x.cloud)} for x in layers],
-        "extent_m": {"min": np.round(low, 4).tolist(), "max": np.round(high, 4).tolist()},
-        "findings": [f.to_json() for f in findings],
-    }
+def _layers(layers: Sequence[PlacedLayer]) -> tuple[BuiltLayer, ...]:
+    return tuple(
+        replace(layer.told or BuiltLayer.unjudged(layer.name), points_given=len(layer.cloud))
+        for layer in layers
+    )
+
+
+def _counts(cloud: PointCloud, walls: Sequence[Wall], columns: Sequence[Column]) -> MapCounts:
+    return MapCounts(
+        points=len(cloud),
+        points_by_label={label.name.lower(): int((cloud.labels == label).sum()) for label in Label if label},
+        walls=len(walls),
+        columns=len(columns),
+        wall_length_m=round(sum(w.length for w in walls), 2),
+    )

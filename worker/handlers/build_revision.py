@@ -8,8 +8,11 @@ from importlib.metadata import version
 from typing import Any
 
 from service.db.models import Drawing, Revision
+from service.domain.drawing_frame import DrawingFrame
+from service.domain.drawing_reading import DrawingScale
 from service.domain.map_state import ErasedRegion
 from service.domain.recipe import Recipe
+from service.domain.report import BuildInputs, DrawingInput
 from service.storage.blobs import Stored
 from service.usecases.map_states import erased_of
 from service.usecases.rebuild import record_rebuild
@@ -24,19 +27,16 @@ class _Inputs:
     """Hold what a revision is derived from, as its rows say."""
 
     recipe: Recipe
-    drawing: dict[str, Any]
+    drawing: DrawingInput
     walls_sha256: str
-    scale: dict[str, Any]
+    scale: DrawingScale
+    frame: DrawingFrame | None
     layers: list[LayerSource]
     erased: list[ErasedRegion]
 
-    def to_json(self) -> dict[str, Any]:
-        return {
-            "drawing": self.drawing,
-            "scale": self.scale,
-            "layers": [x.to_json() for x in self.layers],
-            "erased": [x.to_json() for x in self.erased],
-        }
+    def told(self) -> BuildInputs:
+        """Return the inputs as a report tells them."""
+        return BuildInputs(self.drawing, self.scale, [x.input() for x in self.layers], self.erased)
 
 
 def build_revision(context: JobContext) -> None:
@@ -87,7 +87,8 @@ def _derive(context: JobContext) -> tuple[dict[str, Any], dict[str, Stored]]:
         walls=walls,
         columns=columns,
         recipe=inputs.recipe,
-        inputs=inputs.to_json(),
+        inputs=inputs.told(),
+        drawing=inputs.frame,
         layers=layers,
         erased=[one.region for one in inputs.erased if one.drawing],
         bounds=context.bounds,
@@ -103,12 +104,13 @@ def _inputs(context: JobContext) -> _Inputs:
     with context.kernel.db.reading() as session:
         revision = session.get_one(Revision, context.attempt.subject_id)
         drawing = session.get_one(Drawing, revision.drawing_id)
-        named = {"id": drawing.id, "sha256": drawing.blob_sha256, "walls_sha256": revision.walls_sha256}
+        named = DrawingInput(drawing.blob_sha256, drawing.id, revision.walls_sha256)
         return _Inputs(
             recipe=Recipe.from_json(revision.recipe),
             drawing=named,
             walls_sha256=revision.walls_sha256,
-            scale=revision.scale,
+            scale=DrawingScale.of_row(revision.scale),
+            frame=DrawingFrame.of_reading(revision.drawing_frame),
             layers=layers,
             erased=list(erased_of(revision)),
         )

@@ -18,6 +18,7 @@ from service.domain.layer_part import LayerPart
 from service.domain.lifecycle import RevisionStatus
 from service.domain.map_state import ErasedRegion
 from service.domain.recipe import Recipe
+from service.domain.report import BuildReport
 from service.usecases.publish import Published, Said
 from service.usecases.revise import Revised, Wanted
 from service.usecases.revisions import Shown
@@ -71,6 +72,8 @@ class LayerOut(Output):
     T_map_scan: list[list[float]] | None = Field(
         description="Where the scan lies; null, where its placement has it, in layers of the first days."
     )
+    accepted_by: str | None = Field(description="The key that took the placement into the map.")
+    accepted_at: datetime | None
 
 
 class RevisionOut(Output):
@@ -88,7 +91,7 @@ class RevisionOut(Output):
     operations: Kept[list[DoneOperation] | None] = Field(description="What was done to the parent.")
     reason: str | None
     job_id: str
-    report: JsonObject | None = Field(description="What was built from what, once it is ready.")
+    report: Kept[BuildReport | None] = Field(description="What was built from what, once it is ready.")
     software_version: str | None = Field(description="The version of this software that built it.")
     artifacts_sha256: str | None = Field(
         description="SHA-256 over the sorted lines `<sha256>  <path>` of all its files."

@@ -10,6 +10,7 @@ import numpy as np
 from service.domain.bounds import Bounds
 from service.domain.recipe import Recipe
 from service.domain.region import Region
+from service.domain.report import BuiltLayer
 from service.domain.transform import Transform
 from worker.geometry.cloud.erase import without
 from worker.geometry.cloud.extrude import check_size, extrude, planes, wall_columns
@@ -20,10 +21,14 @@ from worker.geometry.drawing.reading.reading import Column, Wall
 
 @dataclass(frozen=True, eq=False)
 class PlacedLayer:
-    """Hold a scan that was placed: its name in the revision, and its included part in frame `map`."""
+    """Hold a scan that was placed: its name in the revision, and its included part in frame `map`.
+
+    `told` is what a report says of it beside the count of its points.
+    """
 
     name: str
     cloud: PointCloud
+    told: BuiltLayer | None = None
 
 
 def map_transform(recipe: Recipe) -> Transform:
