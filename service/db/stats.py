@@ -7,7 +7,7 @@ from datetime import datetime
 from sqlalchemy import func, select
 from sqlalchemy.orm import Session
 
-from service.db.models import Blob, Drawing, Job, Map, Revision, Scan
+from service.db.models import Blob, Drawing, Job, Map, Scan
 from service.domain.lifecycle import JobState
 
 
@@ -34,11 +34,15 @@ def oldest_due(session: Session, *, now: datetime) -> datetime | None:
 
 
 def totals(session: Session) -> dict[str, int]:
-    """Return how many maps, drawings, scans and revisions there are."""
-    tables = {"maps": Map, "drawings": Drawing, "scans": Scan, "revisions": Revision}
-    return {
-        name: session.scalar(select(func.count()).select_from(table)) or 0 for name, table in tables.items()
-    }
+    """Return how many maps, drawings, scans and revisions there are.
+
+    Each map knows the number of its next revision, and no revision's row ever goes: they need no counting.
+    """
+    tables = {"maps": Map, "drawings": Drawing, "scans": Scan}
+    asked = {name: select(func.count()).select_from(table) for name, table in tables.items()}
+    asked["revisions"] = select(func.coalesce(func.sum(Map.next_revision - 1), 0))
+    row = session.execute(select(*(query.scalar_subquery() for query in asked.values()))).one()
+    return dict(zip(asked, (int(number) for number in row), strict=True))
 
 
 def blob_bytes(session: Session) -> int:
