@@ -44,7 +44,7 @@ class Delivery(Protocol):
         """Stop delivering."""
 
 
-class Polling:
+class QueuePolling:
     """Look into the `jobs` table again and again: for one machine.
 
     Parameters
@@ -226,5 +226,5 @@ def redeliver_lost(session: Session, *, now: Clock) -> list[str]:
 def open_delivery(database: Database, *, now: Clock, poll_s: float, name: str) -> Delivery:
     """Return the delivery that fits the database."""
     if database.is_sqlite:
-        return Polling(database, now=now, poll_s=poll_s)
+        return QueuePolling(database, now=now, poll_s=poll_s)
     return Delivered(database, now=now, name=name)

@@ -76,7 +76,7 @@ class Role(StrEnum):
 
 MAX_ATTEMPTS = 3
 BACK_OFF_S = (1.0, 5.0)
-"""Seconds until the second and the third attempt of a job whose worker or child died."""
+"""Seconds until the second and the third attempt of a job whose child died; of one whose worker died none."""
 
 MOST_WAITING_DELTAS = 8
 """Deltas of one map that have still to be made, beyond which no other is begun.

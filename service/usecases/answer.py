@@ -32,7 +32,7 @@ class IdempotentRequest:
 
     key: str
     request_sha256: str
-    expiry_s: float = 24 * 3600.0
+    expiry_s: float
 
 
 @dataclass(frozen=True)

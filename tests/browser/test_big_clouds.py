@@ -118,7 +118,6 @@ def test_the_point_clicked_on_is_one_of_the_whole_cloud(plant: Plant, visit: Vis
     page = watched.page
     watched.sign_in(plant.running.admin_key)
     page.goto(f"{plant.running.address}/#/maps/{plant.map_id}/revisions/{n}")
-    page.screenshot(path=pictures / "revision.png")
     _settled(page)
     assert _points(page) <= MOST
     watched.accessible()
