@@ -8,6 +8,9 @@ from typing import Any
 
 import structlog
 
+_exceptions = structlog.processors.ExceptionRenderer(
+    structlog.tracebacks.ExceptionDictTransformer(show_locals=False)
+)
 _SECRET_FIELDS = frozenset({"authorization", "secret", "database_url", "token", "password"})
 
 
@@ -25,6 +28,12 @@ def configure(*, level: str, as_json: bool | None = None) -> None:
     ------
     ValueError
         If the level has another name.
+
+    Notes
+    -----
+    A trace is told without the values of variables: among those of a request is the key presented with
+    it, among those of a delivery the secret that signs it. What SQL was given is hidden by the engine
+    (`service.db.session.open_engine`).
     """
     number = logging.getLevelNamesMapping().get(level.upper())
     if number is None:
@@ -39,9 +48,9 @@ def configure(*, level: str, as_json: bool | None = None) -> None:
     ]
     plain = as_json if as_json is not None else not sys.stderr.isatty()
     renderer: list[Any] = (
-        [structlog.processors.dict_tracebacks, structlog.processors.JSONRenderer()]
+        [_exceptions, structlog.processors.JSONRenderer()]
         if plain
-        else [structlog.dev.ConsoleRenderer(colors=False)]
+        else [structlog.dev.ConsoleRenderer(colors=False, exception_formatter=structlog.dev.plain_traceback)]
     )
     structlog.configure(
         processors=[*shared, structlog.stdlib.ProcessorFormatter.wrap_for_formatter],

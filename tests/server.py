@@ -17,6 +17,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
 from pathlib import Path
+from typing import IO
 
 import httpx
 import psutil
@@ -99,7 +100,12 @@ def environment(settings: Settings, **more: str) -> dict[str, str]:
 
 
 def start(
-    settings: Settings, *, admin_key: str | None = None, by_itself: bool = False, **more: str
+    settings: Settings,
+    *,
+    admin_key: str | None = None,
+    by_itself: bool = False,
+    stderr: IO[str] | None = None,
+    **more: str,
 ) -> Server:
     """Return a started service on these settings; its database is migrated first.
 
@@ -109,6 +115,8 @@ def start(
         The first admin key, where an earlier start has printed it.
     by_itself : bool
         Whether Python starts anew for it, imports included, rather than by a fork.
+    stderr : file, optional
+        Where its log goes instead of `Server.log`; closed here once the process has it.
     **more : str
         Environment variables of the process alone.
     """
@@ -118,7 +126,7 @@ def start(
     kernel = open_kernel(settings)
     bring_to_head(kernel.db)
     begun = time.monotonic()
-    with log.open("a", encoding="utf-8") as sink:
+    with stderr or log.open("a", encoding="utf-8") as sink:
         process = (
             subprocess.Popen(
                 [sys.executable, "-m", "service", "serve"],

@@ -42,8 +42,14 @@ def open_engine(url: str | URL) -> Engine:
 
     Text of files and clients is made plain here, on its way to the database and back, whichever column
     it is for: one lone surrogate in a row would else end every list that shows it.
+
+    Errors do not tell the values given to a statement: a new webhook's secret is one, and logs keep errors.
     """
-    shared: dict[str, Any] = {"json_serializer": plain_dumps, "json_deserializer": plain_loads}
+    shared: dict[str, Any] = {
+        "json_serializer": plain_dumps,
+        "json_deserializer": plain_loads,
+        "hide_parameters": True,
+    }
     if make_url(url).get_backend_name() == "sqlite":
         engine = _sqlite_engine(url, shared)
     else:
