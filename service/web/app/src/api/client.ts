@@ -1,5 +1,6 @@
 /** The one way to the service: the public API, with the session cookie and its header. */
-import type { components } from "./schema";
+import { isGivenUp, listen } from "./listen";
+import type { components } from "./schema"; // which `tools/build-dashboard` makes of the API's description
 
 export type Schemas = components["schemas"];
 
@@ -117,18 +118,26 @@ export async function all<T>(path: string, most = 2000): Promise<T[]> {
   return items;
 }
 
-/** Wait until a job has ended; `watch` hears of every change. */
+/** Wait until a job has ended; `watch` hears of every change. Fails where the service says that it tells no more. */
 export function follow(job: Job, watch?: (job: Job) => void): Promise<Job> {
   if (isFinal(job)) return Promise.resolve(job);
-  return new Promise((resolve) => {
-    const source = new EventSource(`/v1/jobs/${job.id}/events`);
-    source.addEventListener("job", (event) => {
-      const now = JSON.parse((event as MessageEvent<string>).data) as Job;
+  return new Promise((resolve, reject) => {
+    const hear = (now: Job) => {
       watch?.(now);
-      if (isFinal(now)) {
-        source.close();
-        resolve(now);
-      }
+      if (!isFinal(now)) return;
+      stop();
+      resolve(now);
+    };
+    const refused = (cause: unknown) => {
+      if (!(cause instanceof Refused) || cause.status >= 500 || cause.status === 429) return;
+      stop();
+      reject(cause);
+    };
+    const stop = listen(`/v1/jobs/${job.id}/events`, (source) => {
+      source.addEventListener("job", (event) => hear(JSON.parse((event as MessageEvent<string>).data) as Job));
+      source.addEventListener("error", () => {
+        if (isGivenUp(source)) get<Job>(`/v1/jobs/${job.id}`).then(hear, refused);
+      });
     });
   });
 }

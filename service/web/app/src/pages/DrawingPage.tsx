@@ -351,7 +351,7 @@ export default function DrawingPage({ mapId, drawingId }: { mapId: string; drawi
   const { value, error, reload } = useLoaded(() => open(drawingId), [drawingId]);
   const running = value && !value.reading && !value.drawing.job.problem;
   useEffect(() => {
-    if (running) void follow(value.drawing.job).then(reload);
+    if (running) void follow(value.drawing.job).then(reload, reload);
     // eslint-disable-next-line react-hooks/exhaustive-deps -- once until it has ended: each load gives a new job
   }, [running]);
   return (
