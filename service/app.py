@@ -52,7 +52,7 @@ from service.api.routes import (
 from service.api.routes import problems as problem_pages
 from service.api.unchanged import Unchanged
 from service.db.blobs import has_blobs
-from service.db.schema import is_current
+from service.db.schema import require_schema
 from service.db.session import Database, SQLAlchemyError, open_engine
 from service.domain.bounds import Bounds
 from service.domain.errors import DomainError
@@ -112,10 +112,6 @@ class Application(FastAPI):
         return Rates(unchanged, per_minute=self.state.max_requests_per_minute, metrics=self.state.metrics)
 
 
-class SchemaNotCurrent(Exception):
-    """The database has not the schema of this version; the sentence tells what to do."""
-
-
 class BlobsMissing(Exception):
     """The database names files and the store has none at all; the sentence tells what to do."""
 
@@ -133,23 +129,6 @@ def open_kernel(settings: Settings) -> Kernel:
         entropy=secrets.token_bytes,
         room=room,
     )
-
-
-def require_schema(kernel: Kernel) -> None:
-    """Pass when the database has the schema of this version.
-
-    Raises
-    ------
-    SchemaNotCurrent
-        If it has not; the sentence tells what to do.
-    SQLAlchemyError
-        If it cannot be asked.
-    """
-    if not is_current(kernel.db.engine):
-        shown = kernel.db.engine.url.render_as_string(hide_password=True)
-        raise SchemaNotCurrent(
-            f"The database {shown} has not the schema of this version; run `groundplan migrate` first."
-        )
 
 
 def require_blobs(kernel: Kernel) -> None:
@@ -216,7 +195,7 @@ def create_app(settings: Settings, *, kernel: Kernel | None = None) -> FastAPI:
     """
     own = kernel is None
     kernel = kernel or open_kernel(settings)
-    require_schema(kernel)
+    require_schema(kernel.db.engine)
     figures = Figures(kernel)
     metrics = Metrics(jobs=figures.jobs_now, spaces=kernel.room.spaces)
     metrics.watch_jobs()

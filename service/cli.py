@@ -20,13 +20,11 @@ from pydantic import ValidationError
 from service import crash_points, logs
 from service.app import (
     BlobsMissing,
-    SchemaNotCurrent,
     create_app,
     open_kernel,
     require_blobs,
-    require_schema,
 )
-from service.db.schema import ReferencesBroken, upgrade, version
+from service.db.schema import ReferencesBroken, SchemaNotCurrent, require_schema, upgrade, version
 from service.db.session import SQLAlchemyError
 from service.domain.errors import DomainError
 from service.domain.lifecycle import Role
@@ -145,7 +143,7 @@ def _migrate(settings: Settings, args: argparse.Namespace) -> int:
 def _create_key(settings: Settings, args: argparse.Namespace) -> int:
     kernel = open_kernel(settings)
     try:
-        require_schema(kernel)
+        require_schema(kernel.db.engine)
         made = create_key_at_the_console(kernel, name=args.name, role=Role(args.role), map_ids=args.map)
         _say(json.dumps(_told(made)) if args.json else made.secret)
     finally:

@@ -21,12 +21,13 @@ from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.storage.room import Room
 from service.usecases.kernel import Kernel
+from service.usecases.readiness import why_not_started
 from worker.figures import Figures
 from worker.runner import NoChild, Runner, Terms
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Run a worker and return its exit status: 0 when told to stop, 1 when its children cannot start."""
+    """Run a worker and return its exit status: 0 when told to stop, 1 refused (with one line why)."""
     argparse.ArgumentParser(
         prog="python -m worker",
         description="Run jobs until SIGTERM or SIGINT. Settings come from the environment (GROUNDPLAN_...); "
@@ -43,6 +44,8 @@ def main(argv: list[str] | None = None) -> int:
         entropy=secrets.token_bytes,
         room=Room(settings.folders(), reserve_bytes=settings.reserve_bytes),
     )
+    if why := why_not_started(kernel):
+        return _refuse(why)
     limits = JobLimits(
         memory_bytes=settings.job_memory_bytes or job_memory_of(memory_bytes()),
         cpu_s=settings.job_cpu_s,
@@ -69,11 +72,15 @@ def main(argv: list[str] | None = None) -> int:
     try:
         runner.run()
     except NoChild:
-        sys.stderr.write("groundplan worker: its child processes end before they are ready; see above\n")
-        return 1
+        return _refuse("its child processes end before they are ready; see above")
     finally:
         kernel.db.close()
     return 0
+
+
+def _refuse(why: str) -> int:
+    sys.stderr.write(f"groundplan worker: {why}\n")
+    return 1
 
 
 if __name__ == "__main__":

@@ -28,6 +28,10 @@ def _config() -> Config:
     return config
 
 
+class SchemaNotCurrent(RuntimeError):
+    """The database has not the schema of this version; the sentence tells what to do."""
+
+
 class ReferencesBroken(RuntimeError):
     """Rows of an SQLite database refer to rows that are not there, so that its schema was left as it was."""
 
@@ -83,9 +87,16 @@ def version(engine: Engine) -> str | None:
 
 
 def upgrade(engine: Engine, *, to: str = "head") -> None:
-    """Bring the database to the schema of this version, in one transaction."""
+    """Bring the database to the schema of this version, in one transaction.
+
+    Raises
+    ------
+    SchemaNotCurrent
+        If the database has a schema that this version does not know.
+    """
     from alembic import command  # noqa: PLC0415 - as above
 
+    _require_known(engine)
     config = _config()
     with stepping(engine) as connection:
         config.attributes["connection"] = connection
@@ -109,22 +120,54 @@ def is_current(engine: Engine) -> bool:
     -----
     Reads Alembic's own table and compares it with the scripts' texts, without loading Alembic.
     """
-    return _present(engine) == _heads()
+    known, built_on = _scripts()
+    return _present(engine) == known - built_on
+
+
+def require_schema(engine: Engine) -> None:
+    """Pass when the database has the schema of this version.
+
+    Raises
+    ------
+    SchemaNotCurrent
+        If it has not; the sentence tells what to do.
+    SQLAlchemyError
+        If it cannot be asked.
+    """
+    _require_known(engine)
+    if not is_current(engine):
+        raise SchemaNotCurrent(
+            f"The database {_shown(engine)} has not the schema of this version;"
+            " run `groundplan migrate` first."
+        )
+
+
+def _require_known(engine: Engine) -> None:
+    if strange := _present(engine) - _scripts()[0]:
+        raise SchemaNotCurrent(
+            f"The database {_shown(engine)} has the schema {', '.join(sorted(strange))} of a newer version of"
+            " Groundplan, which this version does not know: start that version, or put back the backup that"
+            " was made before it came."
+        )
+
+
+def _shown(engine: Engine) -> str:
+    return engine.url.render_as_string(hide_password=True)
 
 
 def _present(engine: Engine) -> frozenset[str]:
-    with engine.connect() as connection:
+    with engine.connect().execution_options(readonly=True) as connection:
         if not inspect(connection).has_table("alembic_version"):
             return frozenset()
         return frozenset(connection.execute(text("SELECT version_num FROM alembic_version")).scalars())
 
 
 @cache
-def _heads() -> frozenset[str]:
-    """Return the revisions that no other script builds on."""
+def _scripts() -> tuple[frozenset[str], frozenset[str]]:
+    """Return the revisions that this version knows, and those of them that others build on."""
     made: dict[str, set[str]] = {"revision": set(), "down_revision": set()}
     for script in (resources.files("migrations") / "versions").iterdir():
         if script.name.endswith(".py"):
             for name, value in _REVISION.findall(script.read_text(encoding="utf-8")):
                 made[name] |= set(_NAME.findall(value))
-    return frozenset(made["revision"] - made["down_revision"])
+    return frozenset(made["revision"]), frozenset(made["down_revision"])

@@ -2,10 +2,22 @@
 
 from __future__ import annotations
 
-from service.db.schema import is_current
+from service.db.schema import SchemaNotCurrent, require_schema
 from service.db.session import SQLAlchemyError
 from service.domain.errors import DomainError, NotReady, StorageFull
 from service.usecases.kernel import Kernel
+
+
+def why_not_started(kernel: Kernel) -> str | None:
+    """Return the sentence with which a worker or a bridge refuses to start on this database, else None."""
+    try:
+        require_schema(kernel.db.engine)
+    except SchemaNotCurrent as error:
+        return str(error)
+    except SQLAlchemyError as error:
+        shown = kernel.db.engine.url.render_as_string(hide_password=True)
+        return f"the database {shown} cannot be used: {str(error).splitlines()[0]}"
+    return None
 
 
 def require_ready(kernel: Kernel) -> dict[str, str]:
@@ -19,9 +31,10 @@ def require_ready(kernel: Kernel) -> dict[str, str]:
     checks = {"database": "ok", "schema": "ok", "storage": "ok"}
     wrong = []
     try:
-        if not is_current(kernel.db.engine):
-            checks["schema"] = "not this version's: run `groundplan migrate`"
-            wrong.append("schema")
+        require_schema(kernel.db.engine)
+    except SchemaNotCurrent as error:
+        checks["schema"] = f"not this version's. {error}"
+        wrong.append("schema")
     except SQLAlchemyError as error:
         checks["database"] = f"cannot be used ({type(error).__name__})"
         checks["schema"] = "unknown"

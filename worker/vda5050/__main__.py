@@ -27,6 +27,7 @@ from service.domain.errors import Unavailable
 from service.settings import Settings
 from service.storage.local import LocalBlobStore
 from service.usecases.kernel import Kernel
+from service.usecases.readiness import why_not_started
 from worker.vda5050.bridge import Bridge
 from worker.vda5050.turn import Turn
 
@@ -40,7 +41,7 @@ log = structlog.get_logger(__name__)
 
 
 def main(argv: list[str] | None = None) -> int:
-    """Bridge until told to stop, and return the exit status: 0 then, 1 when a setting is missing."""
+    """Bridge until told to stop, and return the exit status: 0 then, 1 refused (with one line why)."""
     argparse.ArgumentParser(
         prog="python -m worker.vda5050",
         description="Bring maps to robots that speak VDA 5050, until SIGTERM or SIGINT. Settings come from "
@@ -63,6 +64,8 @@ def main(argv: list[str] | None = None) -> int:
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,
     )
+    if why := why_not_started(kernel):
+        return _refuse(why)
     process = f"{socket.gethostname()}-{os.getpid()}-{secrets.token_hex(4)}"
     turn = Turn(kernel, holder=process, lease_s=settings.lease_s, beat_s=settings.beat_s)
     stopping = threading.Event()
