@@ -15,11 +15,12 @@ import subprocess
 import tempfile
 import time
 from collections.abc import Iterator
-from contextlib import ExitStack, contextmanager
+from contextlib import ExitStack, contextmanager, suppress
 from itertools import count
 from pathlib import Path
 from typing import Any
 
+import psutil
 import psycopg
 import pytest
 
@@ -27,6 +28,7 @@ from tests.patience import PATIENCE_S
 
 _TEMPLATE = "groundplan_template"
 _SHARED = "groundplan_postgres"
+_PREFIX = "gp-pg-"
 
 
 class PostgresServer:
@@ -104,11 +106,20 @@ def _as_unprivileged(folder: Path) -> list[str]:
     return ["setpriv", f"--reuid={account.pw_uid}", f"--regid={account.pw_gid}", "--clear-groups"]
 
 
+def _sweep() -> None:
+    """Remove the folders of servers whose sessions were killed: they died with them, the folders stay."""
+    for lock in Path(tempfile.gettempdir()).glob(f"{_PREFIX}*/data/postmaster.pid"):
+        with suppress(OSError, ValueError, IndexError):
+            if not psutil.pid_exists(int(lock.read_text().split()[0])):
+                shutil.rmtree(lock.parents[1], ignore_errors=True)
+
+
 @contextmanager
 def running_server() -> Iterator[PostgresServer]:
     """Start a server in a new folder under the system's temporary one, and stop it in the end."""
     programs = _programs()
-    folder = Path(tempfile.mkdtemp(prefix="gp-pg-"))  # not tmp_path: short, and open to another account
+    _sweep()
+    folder = Path(tempfile.mkdtemp(prefix=_PREFIX))  # not tmp_path: short, and open to another account
     before = _as_unprivileged(folder)
     try:
         _run([*before, str(programs / "initdb"), "-D", str(folder / "data"), "-U", "groundplan"], folder)

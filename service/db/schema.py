@@ -29,7 +29,18 @@ def _config() -> Config:
 
 
 class SchemaNotCurrent(RuntimeError):
-    """The database has not the schema of this version; the sentence tells what to do."""
+    """The database has not the schema of this version.
+
+    Attributes
+    ----------
+    what : str
+        The end of a sentence that begins with the database: what it has, and what to do. It is for everybody,
+        unlike the whole sentence, which says where the database is.
+    """
+
+    def __init__(self, engine: Engine, what: str) -> None:
+        super().__init__(f"The database {engine.url.render_as_string(hide_password=True)} {what}")
+        self.what = what
 
 
 class ReferencesBroken(RuntimeError):
@@ -136,23 +147,16 @@ def require_schema(engine: Engine) -> None:
     """
     _require_known(engine)
     if not is_current(engine):
-        raise SchemaNotCurrent(
-            f"The database {_shown(engine)} has not the schema of this version;"
-            " run `groundplan migrate` first."
-        )
+        raise SchemaNotCurrent(engine, "has not the schema of this version; run `groundplan migrate` first.")
 
 
 def _require_known(engine: Engine) -> None:
     if strange := _present(engine) - _scripts()[0]:
         raise SchemaNotCurrent(
-            f"The database {_shown(engine)} has the schema {', '.join(sorted(strange))} of a newer version of"
-            " Groundplan, which this version does not know: start that version, or put back the backup that"
-            " was made before it came."
+            engine,
+            f"has the schema {', '.join(sorted(strange))} of a newer version of Groundplan, which this one"
+            " does not know: start that version, or put back the backup that was made before it came.",
         )
-
-
-def _shown(engine: Engine) -> str:
-    return engine.url.render_as_string(hide_password=True)
 
 
 def _present(engine: Engine) -> frozenset[str]:

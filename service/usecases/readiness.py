@@ -33,7 +33,7 @@ def require_ready(kernel: Kernel) -> dict[str, str]:
     try:
         require_schema(kernel.db.engine)
     except SchemaNotCurrent as error:
-        checks["schema"] = f"not this version's. {error}"
+        checks["schema"] = f"not this version's: the database {error.what}"
         wrong.append("schema")
     except SQLAlchemyError as error:
         checks["database"] = f"cannot be used ({type(error).__name__})"

@@ -16,7 +16,7 @@ RECIPES = (
     (ROOT / "CONTRIBUTING.md").read_text(encoding="utf-8").partition("## Recipes")[2].partition("\n## ")[0]
 )
 PLACES = (ROOT / "docs" / "where.md").read_text(encoding="utf-8").partition("\n## ")[2]
-_NAMED = re.compile(r"`((?:service|worker|client|tests|docs)/[\w/.]*[\w/])(?::([\w.]+))?`")
+_NAMED = re.compile(r"`((?:service|worker|client|tests|docs|migrations)/[\w/.]*[\w/])(?::([\w.]+))?`")
 _FILE = re.compile(r"`[^` ]*[/.][^` ]*`")
 _TOOLS = re.compile(r"`(?:tools|poe)\b")
 NAMED = sorted(set(_NAMED.findall(JOURNEYS + RECIPES + PLACES)))
@@ -57,12 +57,13 @@ def test_no_step_is_named_otherwise(page: str) -> None:
     assert [name for name in files if not _NAMED.fullmatch(name)] == []
 
 
-def test_there_are_seven_journeys_and_four_recipes() -> None:
+def test_there_are_seven_journeys_and_five_recipes() -> None:
     assert len(re.findall(r"^## ", JOURNEYS, flags=re.MULTILINE)) == 7
     assert re.findall(r"^### (.+)", RECIPES, flags=re.MULTILINE) == [
         "A format",
         "A finding",
         "A kind of job",
+        "A migration",
         "An evidence of placement",
     ]
 

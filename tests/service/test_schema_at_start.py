@@ -13,9 +13,10 @@ from sqlalchemy import text
 from service.app import open_kernel
 from service.db.schema import downgrade, version
 from service.settings import Settings
+from tests import web
 from tests.patience import PATIENCE_S
 from tests.schemas import bring_to_head
-from tests.server import ROOT, environment
+from tests.server import ROOT, environment, running
 
 BRIDGE = {"GROUNDPLAN_MQTT_URL": "mqtt://127.0.0.1:9", "GROUNDPLAN_PUBLIC_URL": "http://127.0.0.1"}
 CHECKING = {
@@ -52,7 +53,7 @@ def _schema(settings: Settings, state: str) -> str | None:
 def _refusals(settings: Settings, commands: dict[str, tuple[str, ...]]) -> dict[str, str]:
     """Return what each command says on stderr, once all have ended, each by refusing."""
     surroundings = environment(settings, **BRIDGE)
-    running = {
+    processes = {
         name: subprocess.Popen(
             [sys.executable, "-m", *words],
             stdout=subprocess.PIPE,
@@ -65,11 +66,11 @@ def _refusals(settings: Settings, commands: dict[str, tuple[str, ...]]) -> dict[
     }
     said = {}
     try:
-        for name, process in running.items():
+        for name, process in processes.items():
             printed, said[name] = process.communicate(timeout=PATIENCE_S)
             assert (process.returncode, printed) == (1, ""), (name, said[name])
     finally:
-        for process in running.values():
+        for process in processes.values():
             process.kill()
             process.communicate()
     return said
@@ -93,6 +94,19 @@ def test_a_newer_schema_is_refused_by_all_and_left_alone(settings: Settings) -> 
         assert "groundplan migrate` first" not in said
         assert len(lines) == 1 + (name == "up"), said
     assert _schema_now(settings) == "9000"
+
+
+@pytest.mark.parametrize(("state", "told"), [("older", "groundplan migrate"), ("newer", "9000 of a newer")])
+def test_a_running_service_says_so_to_all_and_not_where_the_database_is(
+    settings: Settings, state: str, told: str
+) -> None:
+    with running(settings) as server:
+        _schema(settings, state)
+        answer = web.get(f"{server.url}/readyz")
+    assert answer.status_code == 503
+    assert told in answer.text
+    assert str(settings.data_dir) not in answer.text
+    assert "postgresql" not in answer.text
 
 
 def _schema_now(settings: Settings) -> str | None:
