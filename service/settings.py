@@ -17,7 +17,7 @@ MIB = 1024 * 1024
 class Settings(BaseSettings):
     """Hold what an operator can set; each name is an environment variable with the prefix GROUNDPLAN_."""
 
-    model_config = SettingsConfigDict(env_prefix="GROUNDPLAN_", extra="ignore")
+    model_config = SettingsConfigDict(env_prefix="GROUNDPLAN_", extra="ignore", hide_input_in_errors=True)
 
     data_dir: Path = Field(
         Path("groundplan-data"), description="Folder of uploads, artifacts and (by default) the database."

@@ -146,6 +146,7 @@ def forked(
 
 def _serve(module: str, line: socket.socket) -> list[str] | None:
     """Fork at each word; return the words of a process in it, and None in the stem at the end."""
+    ended: dict[int, int] = {}
     with Path(os.devnull).open("rb") as nothing:
         os.dup2(nothing.fileno(), 0)
     while True:
@@ -154,10 +155,14 @@ def _serve(module: str, line: socket.socket) -> list[str] | None:
             return None
         order = json.loads(message)
         if "pid" in order:
-            ended, status = os.waitpid(order["pid"], os.WNOHANG)
-            line.send(json.dumps(os.waitstatus_to_exitcode(status) if ended else None).encode())
+            if order["pid"] not in ended:
+                pid, status = os.waitpid(order["pid"], os.WNOHANG)
+                if pid:
+                    ended[pid] = os.waitstatus_to_exitcode(status)
+            line.send(json.dumps(ended.get(order["pid"])).encode())
             continue
         pid = os.fork()
+        ended.pop(pid, None)
         if pid == 0:
             line.close()
             _become(order, fds)

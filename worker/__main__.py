@@ -11,6 +11,7 @@ import sys
 from datetime import UTC, datetime
 
 import structlog
+from pydantic import ValidationError
 
 from service import crash_points, logs
 from service.db.delivery import open_delivery
@@ -33,12 +34,19 @@ def main(argv: list[str] | None = None) -> int:
         description="Run jobs until SIGTERM or SIGINT. Settings come from the environment (GROUNDPLAN_...); "
         "`groundplan worker` takes the folder of files as an option.",
     ).parse_args(argv)
-    settings = Settings()
-    logs.configure(level=settings.log_level)
-    crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
+    try:
+        settings = Settings()
+        url = settings.url()
+        logs.configure(level=settings.log_level)
+        crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
+    except ValidationError as error:
+        first = error.errors()[0]
+        return _refuse(f"the setting {'.'.join(map(str, first['loc']))}: {first['msg']}")
+    except (OSError, ValueError) as error:
+        return _refuse(str(error))
     name = f"{socket.gethostname()}:{os.getpid()}"
     kernel = Kernel(
-        db=Database(open_engine(settings.url())),
+        db=Database(open_engine(url)),
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,

@@ -55,15 +55,22 @@ def _accepted() -> None:
 def _framed() -> None:
     """Of the drawing's reading, where the revision was built on the one that is kept."""
     connection = op.get_bind()
-    same = sa.and_(
-        _DRAWINGS.c.id == _REVISIONS.c.drawing_id, _DRAWINGS.c.walls_sha256 == _REVISIONS.c.walls_sha256
-    )
-    kept = sa.select(_REVISIONS.c.id, _DRAWINGS.c.reading).select_from(sa.join(_REVISIONS, _DRAWINGS, same))
-    for revision_id, reading in connection.execute(kept).all():
-        if isinstance(reading, dict) and reading.get("drawing_origin") is not None:
-            frame = {name: reading.get(name) for name in ("drawing_origin", "drawing_top")}
-            told = sa.update(_REVISIONS).where(_REVISIONS.c.id == revision_id).values(drawing_frame=frame)
-            connection.execute(told)
+    read = sa.select(_DRAWINGS.c.id).where(_DRAWINGS.c.walls_sha256.is_not(None))
+    for drawing_id in connection.execute(read).scalars().all():
+        one = sa.select(_DRAWINGS.c.walls_sha256, _DRAWINGS.c.reading).where(_DRAWINGS.c.id == drawing_id)
+        walls, reading = connection.execute(one).one()
+        if _tells_its_frame(reading):
+            frame = {name: reading[name] for name in ("drawing_origin", "drawing_top")}
+            built_on_it = sa.and_(_REVISIONS.c.drawing_id == drawing_id, _REVISIONS.c.walls_sha256 == walls)
+            connection.execute(sa.update(_REVISIONS).where(built_on_it).values(drawing_frame=frame))
+
+
+def _tells_its_frame(reading: object) -> bool:
+    """Return whether a reading is in metres and says where its origin lies and which way its y runs."""
+    if not isinstance(reading, dict) or reading.get("unit", "m") != "m" or "drawing_top" not in reading:
+        return False
+    origin = reading.get("drawing_origin")
+    return isinstance(origin, list) and [isinstance(x, int | float) for x in origin] == [True, True]
 
 
 def downgrade() -> None:

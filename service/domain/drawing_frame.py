@@ -38,8 +38,18 @@ class DrawingFrame:
 
     @classmethod
     def of_reading(cls, value: Mapping[str, Any] | None) -> Self | None:
-        """Return the frame that a reading in metres tells, or None where it does not."""
-        origin = (value or {}).get("drawing_origin")
-        if value is None or origin is None or value.get("unit", "m") != "m":
+        """Return the frame that a reading in metres tells, or None where it does not.
+
+        The first versions did not say whether y runs up or down: they said nothing of ``drawing_top``.
+        """
+        if value is None or "drawing_top" not in value or value.get("unit", "m") != "m":
             return None
-        return cls((float(origin[0]), float(origin[1])), value.get("drawing_top"))
+        origin, top = value.get("drawing_origin"), value["drawing_top"]
+        if not isinstance(origin, list | tuple) or [isinstance(x, int | float) for x in origin] != [
+            True,
+            True,
+        ]:
+            return None
+        if top is not None and not isinstance(top, int | float):
+            return None
+        return cls((float(origin[0]), float(origin[1])), top)

@@ -171,6 +171,31 @@ def test_a_wrong_setting_is_one_line(tmp_path: Path, variables: dict[str, str], 
     assert "hush" not in done.stderr
 
 
+@pytest.mark.parametrize("module", ["worker", "worker.vda5050"])
+@pytest.mark.parametrize(
+    ("variables", "said"),
+    [
+        ({"GROUNDPLAN_PORT": "x"}, "port"),
+        ({"GROUNDPLAN_DATABASE_URL": "hush", "GROUNDPLAN_DATABASE_PASSWORD_FILE": "/none"}, "/none"),
+    ],
+)
+def test_a_wrong_setting_of_another_process_is_one_line(
+    tmp_path: Path, module: str, variables: dict[str, str], said: str
+) -> None:
+    done = subprocess.run(
+        [sys.executable, "-m", module],
+        capture_output=True,
+        text=True,
+        check=False,
+        cwd=ROOT,
+        env=environment(Settings(data_dir=tmp_path), **variables),
+    )
+    assert (done.returncode, done.stdout) == (1, "")
+    assert said in done.stderr
+    assert len(done.stderr.splitlines()) == 1, done.stderr
+    assert "hush" not in done.stderr
+
+
 def test_a_taken_port_is_one_line(tmp_path: Path) -> None:
     settings = _migrated(Settings(data_dir=tmp_path))
     with socket.create_server(("127.0.0.1", 0)) as taken:

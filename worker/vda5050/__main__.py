@@ -49,8 +49,12 @@ def main(argv: list[str] | None = None) -> int:
     ).parse_args(argv)
     try:
         settings = Settings()
+        url = settings.url()
     except ValidationError as error:
-        return _refuse(f"a setting is wrong: {error.errors()[0]['msg']}")
+        first = error.errors()[0]
+        return _refuse(f"the setting {'.'.join(map(str, first['loc']))}: {first['msg']}")
+    except OSError as error:
+        return _refuse(str(error))
     if settings.mqtt_url is None or settings.public_url is None:
         return _refuse("set GROUNDPLAN_MQTT_URL, and GROUNDPLAN_PUBLIC_URL, where vehicles fetch their maps")
     broker = urlsplit(settings.mqtt_url.get_secret_value())
@@ -59,7 +63,7 @@ def main(argv: list[str] | None = None) -> int:
     logs.configure(level=settings.log_level)
     crash_points.arm_from(settings.crash_at, folder=settings.data_dir)
     kernel = Kernel(
-        db=Database(open_engine(settings.url())),
+        db=Database(open_engine(url)),
         blobs=LocalBlobStore(settings.data_dir),
         now=lambda: datetime.now(UTC),
         entropy=secrets.token_bytes,

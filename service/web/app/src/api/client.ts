@@ -129,7 +129,8 @@ export function follow(job: Job, watch?: (job: Job) => void): Promise<Job> {
       resolve(now);
     };
     const refused = (cause: unknown) => {
-      if (!(cause instanceof Refused) || cause.status >= 500 || cause.status === 429) return;
+      const isTheService = cause instanceof Refused && cause.type !== "about:blank"; // and no front for it
+      if (!isTheService || cause.status >= 500 || cause.status === 429) return;
       stop();
       reject(cause);
     };
