@@ -141,7 +141,7 @@ class ByHand:
         attempt, gone = self.claim(job_id), without or {}
         contents = {"point-cloud.pcd": cloud, "preview.png": PICTURE, "report.json": b"{}", **(more or {})}
         files = {path: self.keep(content) for path, content in contents.items() if path not in gone}
-        report = {"points": 1, **({"findings": [*gone.values()]} if gone else {})}
+        report = {"frame": "map", **({"findings": [*gone.values()]} if gone else {})}
         with self.kernel.db.writing("record-revision") as session:
             record_revision(self.kernel, session, attempt, report=report, version="by hand", files=files)
 

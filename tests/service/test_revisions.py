@@ -35,7 +35,7 @@ def test_a_revision_is_asked_for_built_and_shown(admin: httpx.Client, by_hand: B
     assert (problem["status"], problem["job_id"]) == (409, made["job"]["id"])
     by_hand.build(made["job"]["id"])
     shown = ok(admin.get(where))
-    assert (shown["status"], shown["report"]) == ("ready", {"points": 1})
+    assert (shown["status"], shown["report"]["frame"]) == ("ready", "map")
     assert ok(admin.get(f"/v1/jobs/{made['job']['id']}"))["state"] == "succeeded"
     assert [a["path"] for a in ok(admin.get(f"{where}/artifacts"))["items"]] == [
         "point-cloud.pcd",
